@@ -4,10 +4,11 @@
 # make docs      the site of docs/ in build/site, strict
 # make bench     time the estimators, tell changes of 10 %   make clean   remove everything but results
 # make pictures  draw the pictures of README again, into docs   make release   the pictures, then the source distribution in dist
-# make kernels   run the tests that depend on arithmetic under other kernels of OpenBLAS, and without compiled code
+# make core-types   run the tests that depend on arithmetic under other core types of OpenBLAS, and without compiled code
+# make kernels   the same by its former name
 # Every target installs what it needs into .venv, once. Choose another Python with PYTHON=python3.12.
 
-.PHONY: compare test test-quick kernels check docs bench pictures release clean
+.PHONY: compare test test-quick core-types kernels check docs bench pictures release clean
 .NOTPARALLEL:
 
 bin := .venv/bin
@@ -44,7 +45,7 @@ docs:
 exact := $(addprefix tests/observability/test_,analyser_input.py analyser_readme.py discrete_symmetries.py function_values.py generators.py \
   hostile_models.py invariants.py model_rank.py new_systems.py null_vectors.py observability_page.py power_series.py prime_field.py \
   scope.py symmetries.py)
-numeric := $(addprefix tests/,core filters models simulation smoother test_blas_kernels.py \
+numeric := $(addprefix tests/,core filters models simulation smoother test_blas_core_types.py \
   $(addprefix inference/test_,identification.py initial_estimate.py initialiser_faults.py masked_errors.py) \
   $(addprefix verdict/test_,alternatives.py calibration_sensitivity.py correlated_errors.py epoch_information.py error_size.py \
   inspector_alternatives.py laplace_likelihood.py model_errors.py null_distributions.py)) \
@@ -55,20 +56,22 @@ numeric := $(addprefix tests/,core filters models simulation smoother test_blas_
 whole := $(addprefix tests/smoother/test_,early_epochs.py mass_posterior.py posterior.py)
 interpreted := $(filter-out $(whole),$(foreach each,$(numeric),$(if $(filter %.py,$(each)),$(each),$(wildcard $(each)/test_*.py))))
 
-# Every kernel but the last with compiled code, the last without but for whole recordings: what passes by rounding in one of both fails
-# there, too.
-kernels:
+# Every core type but the last with compiled code, the last without but for whole recordings: what passes by rounding in one of both fails
+# there, too. The former name of the target is kernels; a kernel is a compiled loop of ours.
+kernels: core-types
+
+core-types:
 	$(environment) test
-	@status=0; kernels=$$($(bin)/python tests/blas_kernels.py) || exit 1; \
-	set -- $$kernels; \
+	@status=0; types=$$($(bin)/python tests/blas_core_types.py) || exit 1; \
+	set -- $$types; \
 	while [ $$# -gt 1 ]; do \
-	  echo "numeric tests, OpenBLAS' kernel $$1:"; \
+	  echo "numeric tests, OpenBLAS' core type $$1:"; \
 	  OPENBLAS_CORETYPE=$$1 $(bin)/python -m pytest -q -n 2 --dist worksteal $(numeric) || status=1; \
 	  shift; \
 	done; \
-	echo "numeric tests, nothing compiled$${1:+, OpenBLAS' kernel $$1}:"; \
+	echo "numeric tests, nothing compiled$${1:+, OpenBLAS' core type $$1}:"; \
 	env SPINFILTERS_COMPILE=off $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(interpreted) || status=1; \
-	echo "whole recordings$${1:+, OpenBLAS' kernel $$1}:"; \
+	echo "whole recordings$${1:+, OpenBLAS' core type $$1}:"; \
 	env $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(whole) || status=1; \
 	exit $$status
 

@@ -198,7 +198,11 @@ def _noise(case: Case, sensor: str) -> str:
     parameters = with_noise_options(told, case.levels.noise)
     levels = {option: parameters[places[0]] for option, places in told.noise.items()}
     words = [
-        f"{std:g} {options[option].allowed.unit or 'of the rate'}" for option, std in levels.items() if std
+        f"{std:g}"
+        if options[option].allowed.unit == "1"
+        else f"{std:g} {options[option].allowed.unit or 'of the rate'}"
+        for option, std in levels.items()
+        if std
     ]
     return f"{sensor} {', '.join(words)}"
 

@@ -182,9 +182,9 @@ class _Section:
             twice = [key for key in ("duration", "interval") if key in self._section]
             if twice:
                 raise InputError(
-                    f"{self._name}: bound has {twice[0]} with a recording, which has its own times; leave it out{self._others}"
+                    f"{self._name}: bound has {twice[0]} with a recording, which has its own times; leave it out{self._other_keys}"
                 )
-            return self._recorded[0]
+            return self._read_recorded[0]
         duration, interval = (self._positive(key) for key in ("duration", "interval"))
         count = int(duration / interval + 1.5)
         if not 2 <= count <= MOST_TIMES:
@@ -194,7 +194,7 @@ class _Section:
         return interval * np.arange(count)
 
     @property
-    def _others(self) -> str:
+    def _other_keys(self) -> str:
         """End of a complaint: where to state a key that other experiments need."""
         return (
             ", or give it to each experiment that has no recording, as [experiments.NAME.bound]"
@@ -212,7 +212,7 @@ class _Section:
         return number
 
     @cached_property
-    def _recorded(self) -> tuple[Float[np.ndarray, " t"], dict[str, Float[np.ndarray, " t"]]]:
+    def _read_recorded(self) -> tuple[Float[np.ndarray, " t"], dict[str, Float[np.ndarray, " t"]]]:
         return _read_table(self._folder / str(self._section["recording"]))
 
     @property
@@ -227,7 +227,7 @@ class _Section:
         return names
 
     def _column(self, name: str) -> Float[np.ndarray, " t"]:
-        _, columns = self._recorded
+        _, columns = self._read_recorded
         if name not in columns:
             raise InputError(
                 f"{self._name}: the recording has no column {name!r}; it has {', '.join(columns)}"

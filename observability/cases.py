@@ -189,7 +189,7 @@ class Case:
     @property
     def place_is_defined(self) -> bool:
         """Whether g's first place is a definition: no map, no pose."""
-        return self.has_place and not self._sees_known_points and not self._tells("t")
+        return self.has_place and not self._sees_known_points and not self._measures_block("t")
 
     @built_property
     def free_rotations(self) -> tuple[int, ...]:
@@ -305,7 +305,7 @@ class Case:
         """Whether a sensor depends on a block of the filters' state."""
         return any(block in analysed(each).model.needs for each in self.sensors)
 
-    def _tells(self, block: str) -> bool:
+    def _measures_block(self, block: str) -> bool:
         """Whether a sensor measures a block in axes that are known."""
         return any(block in analysed(each).tells for each in self.sensors)
 

@@ -110,7 +110,7 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
     experiments = list(inputs) or [()]
     exact = body_rank(system, point, STEADY_ORDERS, experiments)
     tangents = tangent_symmetries(system, point, exact)
-    explanations = _explained(system, point, tangents.symmetries, experiments)
+    explanations = _list_explanations(system, point, tangents.symmetries, experiments)
     return Certificate(
         dimension=system.dimension,
         names=system.names,
@@ -123,7 +123,7 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
     )
 
 
-def _explained(
+def _list_explanations(
     system: System, point: Rationals, symmetries: list, experiments: Sequence[InputSeries]
 ) -> list[Explained]:
     """Explanations that hold in every experiment."""
@@ -150,12 +150,12 @@ def _proof(system: System, point: Rationals, rank: int, explanations: Sequence[E
     if rank + sum(each.finite for each in explanations) == system.dimension:
         return Proof.SYMMETRIES
     linear = all(is_linear_in_body_axes(sensor.model) for sensor in system.sensors)
-    if linear and not system.inputs and _steady(system, point):
+    if linear and not system.inputs and _has_steady_rate(system, point):
         return Proof.STEADY
     return Proof.OPEN
 
 
-def _steady(system: System, point: Rationals) -> bool:
+def _has_steady_rate(system: System, point: Rationals) -> bool:
     """Whether the rate's own rate is exactly 0."""
     flow = flow_of_system(system, point, FIELD)
     *_, (slope, _) = motion_coefficients(flow, 2)
@@ -216,8 +216,8 @@ def null_space_sentence(certificate: Certificate) -> str:
     """Sentence on the directions left undetermined."""
     if certificate.null_dimension == 0:
         return "Nothing of what was asked is left undetermined."
-    parts = _named([each for each in certificate.explanations if each.finite])
-    later = _named([each for each in certificate.explanations if not each.finite])
+    parts = _name_directions([each for each in certificate.explanations if each.finite])
+    later = _name_directions([each for each in certificate.explanations if not each.finite])
     parts += [f"{words}, to first order only" for words in later]
     if certificate.unnamed:
         parts.append(f"{certificate.unnamed} without a name")
@@ -250,7 +250,7 @@ def named_entries(names: tuple[str, ...], vector: Float[np.ndarray, " n"]) -> di
     return {names[k]: float(vector[k] / unit) for k in kept}
 
 
-def _named(explanations: list[Explained]) -> list[str]:
+def _name_directions(explanations: list[Explained]) -> list[str]:
     """Kinds of directions: all three of a kind by their number, fewer by their own names."""
     counts = Counter(each.symmetry.group for each in explanations)
     parts = []

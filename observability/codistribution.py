@@ -198,7 +198,7 @@ class Codistribution:
         base = self._common.null_space()
         missing = [int((~self._has_pivots(k)).sum()) for k in range(len(self._own))]
         total = base.shape[1] + sum(missing)
-        parts, start = [_padded(base, 0, total)], base.shape[1]
+        parts, start = [_pad_columns(base, 0, total)], base.shape[1]
         for k, free in enumerate(missing):
             parts.append(self._own_part(k, base, start, total))
             start += free
@@ -211,7 +211,7 @@ class Codistribution:
         _, own, width = self._own[k].shape
         rows, held = self._own[k], self._has_pivots(k)
         answers = product_of(rows[..., own:].reshape(-1, width - own), base, self._field)
-        part = _padded(self._field.negative(answers), 0, total)
+        part = _pad_columns(self._field.negative(answers), 0, total)
         for column, (item, place) in enumerate(zip(*np.nonzero(~held), strict=True), start):
             at = slice(item * own, (item + 1) * own)
             part[at, column] = self._field.negative(rows[item, :, place])
@@ -219,7 +219,7 @@ class Codistribution:
         return part
 
 
-def _padded(matrix: Num[np.ndarray, "n d"], start: int, total: int) -> Num[np.ndarray, "n t"]:
+def _pad_columns(matrix: Num[np.ndarray, "n d"], start: int, total: int) -> Num[np.ndarray, "n t"]:
     """Columns at a place among so many."""
     wide = np.zeros((len(matrix), total), dtype=np.uint64)
     wide[:, start : start + matrix.shape[1]] = matrix

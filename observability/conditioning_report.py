@@ -142,7 +142,7 @@ def covariance_report(run: str, found: Sequence[CovarianceConditioning]) -> Cond
         for row in zip(each.time, each.plain, each.fixed, each.jacobi, strict=True):
             lines.append(",".join([each.name, *map(_cell, row)]))
         for units, values in _kinds(each):
-            rows.append((each.name, str(len(values)), units, *map(_shown, _summary(values))))
+            rows.append((each.name, str(len(values)), units, *map(_number_text, _summary(values))))
     document = {
         "run": run,
         "estimators": {each.name: _document(each) for each in found},
@@ -166,7 +166,7 @@ def _summary(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
     return (float(np.median(finite)), float(finite.max())) if finite.size else (np.nan, np.nan)
 
 
-def _shown(value: float) -> str:
+def _number_text(value: float) -> str:
     return f"{value:.3g}" if np.isfinite(value) else "-"
 
 

@@ -119,7 +119,7 @@ class Chart(ABC):
     def change(self, values: Values, moved: Values) -> Expression:
         """(error_dim,) the error from one point to another, to first order."""
         return ca.vertcat(
-            *[self._changed(block, values[block.name], moved[block.name]) for block in self.blocks]
+            *[self._changed_expression(block, values[block.name], moved[block.name]) for block in self.blocks]
         )
 
     def settled(self, moved: Values) -> Values:
@@ -150,7 +150,7 @@ class Chart(ABC):
             numbers += unit_quaternion(exact) if is_attitude(block) and _norm(exact) != 1 else exact
         return tuple(numbers)
 
-    def _changed(self, block: Block, value: Expression, moved: Expression) -> Expression:
+    def _changed_expression(self, block: Block, value: Expression, moved: Expression) -> Expression:
         """The same expression has not changed: most moves leave most blocks alone."""
         if moved is value:
             return ca.SX.zeros(len(block.components))

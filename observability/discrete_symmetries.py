@@ -151,7 +151,7 @@ def discrete_symmetries(part: ReachedModel, family: SolutionFamily) -> DiscreteS
     others: list[tuple[SignedPermutation, DiscreteSymmetry]] = []
     maps, complete = _maps(names, part)
     for permutations, signs in maps:
-        for index in np.flatnonzero(_hold(part, names, permutations, signs)).tolist():
+        for index in np.flatnonzero(_check_maps(part, names, permutations, signs)).tolist():
             permutation, sign = permutations[index], signs[index]
             images = {
                 name: (int(sign[k]), names[permutation[k]])
@@ -210,7 +210,7 @@ def _exchanges(count: int, states: int) -> Iterator[np.ndarray]:
                 yield permutation
 
 
-def _hold(
+def _check_maps(
     part: ReachedModel,
     names: Sequence[str],
     permutations: Num[np.ndarray, "m n"],
@@ -225,8 +225,8 @@ def _hold(
         at = np.array([values[name] for name in names], dtype=np.uint64)
         active = np.flatnonzero(good)
         moved = _signed(at[permutations[active]], signs[active], field)
-        here = _evaluated(part, values, names, at[np.newaxis], field)
-        there = _evaluated(part, values, names, moved, field)
+        here = _evaluate_outputs(part, values, names, at[np.newaxis], field)
+        there = _evaluate_outputs(part, values, names, moved, field)
         rates = _signed(
             here[:, :states][:, permutations[active][:, :states]][0], signs[active][:, :states], field
         )
@@ -235,7 +235,7 @@ def _hold(
     return good
 
 
-def _evaluated(
+def _evaluate_outputs(
     part: ReachedModel,
     values: dict[str, int],
     names: Sequence[str],

@@ -73,7 +73,7 @@ def _half(program: Program, register: int) -> int:
     return program.emit("mul", program.constant(Fraction(1, 2)), register)
 
 
-def _turn(program: Program, angle: int) -> tuple[int, int]:
+def _exponentials_of_angle(program: Program, angle: int) -> tuple[int, int]:
     """exp(i a) and exp(-i a); a multiple of pi/12 that was added to an angle turns exactly."""
     there = _exact_turn(program, angle)
     if there is None:
@@ -87,7 +87,7 @@ def _exact_turn(program: Program, angle: int) -> int | None:
     root = _turn_by(program, int(steps) * math.pi / 12) if steps.denominator == 1 else None
     if root is None:
         return None
-    return root if rest is None else program.emit("mul", _turn(program, rest)[0], root)
+    return root if rest is None else program.emit("mul", _exponentials_of_angle(program, rest)[0], root)
 
 
 def _without_twelfths(program: Program, angle: int, levels: int = DEEPEST_SUM) -> tuple[Fraction, int | None]:
@@ -211,16 +211,16 @@ def _factors(number: int) -> frozenset[int]:
 
 
 def _sine(program: Program, angle: int) -> int:
-    there, back = _turn(program, angle)
+    there, back = _exponentials_of_angle(program, angle)
     return _half(program, program.emit("times_i", program.emit("sub", back, there)))
 
 
 def _cosine(program: Program, angle: int) -> int:
-    return _half(program, program.emit("add", *_turn(program, angle)))
+    return _half(program, program.emit("add", *_exponentials_of_angle(program, angle)))
 
 
 def _tangent(program: Program, angle: int) -> int:
-    there, back = _turn(program, angle)
+    there, back = _exponentials_of_angle(program, angle)
     above = program.emit("times_i", program.emit("sub", back, there))
     return program.emit("div", above, program.emit("add", there, back))
 

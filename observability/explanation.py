@@ -45,14 +45,16 @@ def simulate(
     """Values of each sensor at the start and at ``steps`` equal times after it."""
     states = [start.states]
     for step in range(steps):
-        states.append(_after(system, states[-1], duration / steps, _shifted(inputs, step * duration / steps)))
+        states.append(
+            _state_after(system, states[-1], duration / steps, _shift_inputs(inputs, step * duration / steps))
+        )
     return [
-        np.stack([_measured(system, index, x, start.parameters[index]) for x in states])
+        np.stack([_measure_outputs(system, index, x, start.parameters[index]) for x in states])
         for index in range(len(system.sensors))
     ]
 
 
-def _after(
+def _state_after(
     system: System, x: Float[np.ndarray, "n b"], dt: float, inputs: InputSeries
 ) -> Float[np.ndarray, "n b"]:
     start = x[:, :, np.newaxis]
@@ -72,7 +74,7 @@ def _smooth(system: System, x: Float[np.ndarray, "n b"], inputs: InputSeries) ->
     return BranchDecisions(float_choices(system.motion, [x, known]), {})
 
 
-def _measured(
+def _measure_outputs(
     system: System, index: int, x: Float[np.ndarray, "n b"], parameters: Float[np.ndarray, "p l b"]
 ) -> Float[np.ndarray, "r l b"]:
     tape, (_, items, batch) = system.outputs[index], parameters.shape
@@ -81,7 +83,7 @@ def _measured(
     return registers[tape.output].reshape(-1, items, batch)
 
 
-def _shifted(inputs: InputSeries, time: float) -> InputSeries:
+def _shift_inputs(inputs: InputSeries, time: float) -> InputSeries:
     """The same inputs as series about a later time."""
     return [_polynomial_at(given, Fraction(time)) for given in inputs]
 

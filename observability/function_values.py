@@ -191,9 +191,9 @@ class _ProgramPass:
             case "inv":
                 return self._inverse(a, int(modulus))
             case _:
-                return self._chosen(index, operation, a, b, modulus)
+                return self._choose_branch(index, operation, a, b, modulus)
 
-    def _chosen(
+    def _choose_branch(
         self, index: int, operation: str, a: np.ndarray, b: np.ndarray, modulus: np.uint64
     ) -> np.ndarray:
         choice = self._choices[index]

@@ -443,7 +443,7 @@ class _Search:
                 Modulo(each.field.prime, next(islice(started(each.field), index, None), {}))
                 for each in self._other_points()
             )
-            generator = as_generator(chain([Modulo(self._field.prime, found)], others), self._holds)
+            generator = as_generator(chain([Modulo(self._field.prime, found)], others), self._is_confirmed)
             if generator is not None:
                 self._keep(generator)
             if not self.missing:
@@ -474,7 +474,7 @@ class _Search:
             if not self.missing:
                 return
             values = fractions_that_hold(
-                _columns(kernels, k, further), lambda values: self._holds(_generator(terms, values))
+                _columns(kernels, k, further), lambda values: self._is_confirmed(_generator(terms, values))
             )
             if values is not None:
                 self._keep(_generator(terms, values))
@@ -492,7 +492,7 @@ class _Search:
         rows = self._fixed_point.equations(terms, SPARE)
         return not any(field.reduced(field.product(rows, each).sum(axis=1)).any() for each in kernel)
 
-    def _holds(self, generator: Generator) -> bool:
+    def _is_confirmed(self, generator: Generator) -> bool:
         """Whether a generator holds at points modulo a prime that it was not found from."""
         points = self._confirming
         longest = max(abs(value) for value in generator.terms.values())

@@ -74,14 +74,14 @@ class _Inversion:
     def solved_model(self) -> Model:
         """The model with what has been solved; outputs are all derivatives below the ones that are inputs now."""
         outputs = {
-            f"y{i + 1}_{order}": self._without(each)
+            f"y{i + 1}_{order}": self._substitute_inputs(each)
             for i, chain in enumerate(self._chains)
             for order, each in enumerate(chain)
         }
         model = self._model
         return replace(
             model,
-            rates={name: self._without(each) for name, each in model.rates.items()},
+            rates={name: self._substitute_inputs(each) for name, each in model.rates.items()},
             outputs=outputs,
             inputs=tuple(self._inputs),
             unknown_inputs=tuple(name for name in model.unknown_inputs if name not in self.solutions),
@@ -94,8 +94,8 @@ class _Inversion:
             for index, chain in enumerate(self._chains):
                 if self._ended[index]:
                     continue
-                last = self._without(chain[-1])
-                acting = self._acting(last)
+                last = self._substitute_inputs(chain[-1])
+                acting = self._acting_inputs(last)
                 if acting:
                     return self._solve(index, last, acting[0])
                 after = self._derivative(last)
@@ -123,7 +123,7 @@ class _Inversion:
         self._ended[index] = True
         return True
 
-    def _acting(self, expression: ca.SX) -> list[str]:
+    def _acting_inputs(self, expression: ca.SX) -> list[str]:
         """Unknown inputs that are not solved and act on an expression."""
         names = {each.name() for each in ca.symvar(expression)}
         return [
@@ -132,7 +132,7 @@ class _Inversion:
             if name in names and not vanishes(ca.jacobian(expression, self._model.symbols[name]))
         ]
 
-    def _without(self, expression: ca.SX) -> ca.SX:
+    def _substitute_inputs(self, expression: ca.SX) -> ca.SX:
         """An expression with the solutions in place of unknown inputs."""
         if not self.solutions:
             return expression
@@ -145,7 +145,7 @@ class _Inversion:
         for symbol in ca.symvar(expression):
             name = symbol.name()
             if name in self._model.states:
-                rates[name] = self._without(self._model.rates[name])
+                rates[name] = self._substitute_inputs(self._model.rates[name])
             elif name in self._inputs:
                 if name not in self._derivatives:
                     self._derivatives[name] = self._new_input(f"d_{name}")

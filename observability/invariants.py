@@ -186,7 +186,7 @@ class _InvariantSearch:
             rows = [each.logarithmic_rate({name: one}, values, field) for name in names]
             before = gradients.rank
             trial = np.stack(rows, axis=1)
-            if not self._holds(each):
+            if not self._is_confirmed(each):
                 continue
             gradients.add(trial)
             if gradients.rank > before:
@@ -208,7 +208,7 @@ class _InvariantSearch:
             )
         return rows.rank
 
-    def _holds(self, invariant: Invariant) -> bool:
+    def _is_confirmed(self, invariant: Invariant) -> bool:
         """Whether no generator changes it, at points of another field."""
         field = self._confirming
         values = self._draw(POINTS, field)

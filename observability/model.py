@@ -352,15 +352,15 @@ def experiments_of(document: Mapping[str, Any], name: str) -> dict[str, dict[str
             if not isinstance(value, Mapping):
                 raise InputError(f"{where}: {key} is {value!r}; give a table")
         rest = {key: value for key, value in document.items() if key != "experiments"}
-        found[each] = rest | {key: _merged(rest.get(key, {}), value) for key, value in own.items()}
+        found[each] = rest | {key: _merge_tables(rest.get(key, {}), value) for key, value in own.items()}
     return found
 
 
-def _merged(table: Any, over: Mapping[str, Any]) -> dict[str, Any]:
+def _merge_tables(table: Any, over: Mapping[str, Any]) -> dict[str, Any]:
     """A table with what another says instead, in tables within it as well."""
     below = dict(table) if isinstance(table, Mapping) else {}
     return below | {
-        key: _merged(below.get(key, {}), value) if isinstance(value, Mapping) else value
+        key: _merge_tables(below.get(key, {}), value) if isinstance(value, Mapping) else value
         for key, value in over.items()
     }
 

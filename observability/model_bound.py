@@ -194,14 +194,14 @@ class ModelBound:
 
     def _repr_html_(self) -> str:
         rows = "".join(
-            f"<tr><td>{escape(name)}</td><td>{self._shown(self.priors.get(name))}</td><td>{self._shown(value)}</td></tr>"
+            f"<tr><td>{escape(name)}</td><td>{self._number_text(self.priors.get(name))}</td><td>{self._number_text(value)}</td></tr>"
             for name, value in self.final.items()
         )
         words = "".join(f"<p>{escape(line)}</p>" for line in self.sentences if not line.startswith("  "))
         return f"{words}<table><tr><th>unknown</th><th>prior</th><th>bound</th></tr>{rows}</table>"
 
     @staticmethod
-    def _shown(value: float | None) -> str:
+    def _number_text(value: float | None) -> str:
         if value is None:
             return "-"
         return f"{value:.4g}" if np.isfinite(value) else "not determined"

@@ -479,7 +479,7 @@ class Experiment:
     def simulated(self, z: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b m"]:
         """All measurements from unknowns at the first time, each in its standard deviation, for several at once.
 
-        All take the steps of the first.
+        Every row of ``z`` is integrated with the Runge-Kutta steps that the first row needs.
         """
         known = [self.names.index(name) for name in self.model.known_initial_values]
         if known:

@@ -208,7 +208,7 @@ def draw_point(part: ReachedModel, generator: np.random.Generator) -> DrawnPoint
             reason = "a root or a logarithm has no exact value"
             continue
         try:
-            return _tried(part, field, batch, generator).first
+            return _try_batch(part, field, batch, generator).first
         except NotRegularError as error:
             reason = str(error)
     where = " with these values given" if part.model.point or part.model.known_initial_values else ""
@@ -299,7 +299,7 @@ def other_fields(part: ReachedModel, random: np.random.Generator) -> Iterator[Pr
             continue
         if _constants_matter(part):
             try:
-                _tried(part, field, BATCHES[-1], random)
+                _try_batch(part, field, BATCHES[-1], random)
             except NotRegularError:
                 continue
         yield field
@@ -318,7 +318,7 @@ def draw_points(
     batch = count
     while batch <= MOST_POINTS:
         try:
-            found = _tried(part, field, batch, generator)
+            found = _try_batch(part, field, batch, generator)
         except NotRegularError:
             batch *= 4
             continue
@@ -328,7 +328,9 @@ def draw_points(
     raise InputError(f"{part.model.name}: too few points at which all functions have exact values")
 
 
-def _tried(part: ReachedModel, field: PrimeField, batch: int, generator: np.random.Generator) -> DrawnPoint:
+def _try_batch(
+    part: ReachedModel, field: PrimeField, batch: int, generator: np.random.Generator
+) -> DrawnPoint:
     """The good points of a batch; NotRegularError where there is none."""
     piecewise = not PIECEWISE.isdisjoint(part.tape.operations)
     floats = [_floats(part, group, batch, generator) for group in part.groups] if piecewise else []

@@ -117,7 +117,7 @@ class _Formula:
         if self._next < len(self._tokens):
             word = self._tokens[self._next][1]
             cure = MISPLACED.get(word, "write an operator such as * before it")
-            raise self._wrong(f"{word!r} is not expected here; {cure}")
+            raise self._wrong_word_error(f"{word!r} is not expected here; {cure}")
         return _expression(result)
 
     def _split(self, text: str) -> list[tuple[str, str]]:
@@ -125,7 +125,7 @@ class _Formula:
         while at < len(text):
             match = _TOKEN.match(text, at)
             if match is None:
-                raise self._wrong(
+                raise self._wrong_word_error(
                     f"{text[at:].strip()[:1]!r} has no meaning here; use names, numbers, + - * / ** and parentheses"
                 )
             kind = str(match.lastgroup)
@@ -145,7 +145,9 @@ class _Formula:
     def _sum(self) -> Value:
         self._depth += 1
         if self._depth > DEEPEST:
-            raise self._wrong(f"more than {DEEPEST} parentheses lie within one another; write it with fewer")
+            raise self._wrong_word_error(
+                f"more than {DEEPEST} parentheses lie within one another; write it with fewer"
+            )
         result = self._product()
         while sign := self._take("+", "-"):
             other = self._product()
@@ -158,7 +160,7 @@ class _Formula:
         while sign := self._take("*", "/"):
             other = self._signed()
             if sign == "/" and _expression(other).is_zero():
-                raise self._wrong("something is divided by 0; change the divisor")
+                raise self._wrong_word_error("something is divided by 0; change the divisor")
             result = self._finite(
                 _product(result, other) if sign == "*" else _quotient(result, other), "a product"
             )
@@ -176,7 +178,9 @@ class _Formula:
         if self._take("**", "^"):
             self._depth += 1
             if self._depth > DEEPEST:
-                raise self._wrong(f"more than {DEEPEST} powers lie within one another; write it with fewer")
+                raise self._wrong_word_error(
+                    f"more than {DEEPEST} powers lie within one another; write it with fewer"
+                )
             exponent = self._signed()
             self._depth -= 1
             return self._finite(_power(base, exponent), "a power")
@@ -184,7 +188,7 @@ class _Formula:
 
     def _atom(self) -> Value:
         if self._next >= len(self._tokens):
-            raise self._wrong(
+            raise self._wrong_word_error(
                 "it ends where something is still expected; complete it, or leave out the last sign"
             )
         kind, word = self._tokens[self._next]
@@ -192,18 +196,20 @@ class _Formula:
         if kind == "number":
             return self._number(word)
         if kind == "name":
-            return self._called(word) if self._peek() == "(" else self._symbol(word)
+            return self._call_function(word) if self._peek() == "(" else self._symbol(word)
         if word == "(":
             result = self._sum()
             self._close()
             return result
         cure = MISPLACED.get(word, "write a name, a number or a parenthesis before it")
-        raise self._wrong(f"{word!r} is not expected here; {cure}")
+        raise self._wrong_word_error(f"{word!r} is not expected here; {cure}")
 
     def _number(self, word: str) -> Fraction:
         _, _, exponent = word.lower().partition("e")
         if len(word) > 2 * LARGEST_EXPONENT or abs(int(exponent or 0)) > LARGEST_EXPONENT:
-            raise self._wrong(f"the number {word[:40]} is too long; keep it between 1e-30 and 1e30")
+            raise self._wrong_word_error(
+                f"the number {word[:40]} is too long; keep it between 1e-30 and 1e30"
+            )
         return Fraction(word)
 
     def _symbol(self, word: str) -> Value:
@@ -211,13 +217,15 @@ class _Formula:
             return self._symbols[word]
         if word in CONSTANTS:
             return CONSTANTS[word]
-        raise self._wrong(
+        raise self._wrong_word_error(
             f"{word!r} is unknown; declare it among states, parameters, inputs, unknown_inputs or known_constants"
         )
 
-    def _called(self, word: str) -> Value:
+    def _call_function(self, word: str) -> Value:
         if word not in FUNCTIONS:
-            raise self._wrong(f"the function {word!r} is unknown; use one of {', '.join(FUNCTIONS)}")
+            raise self._wrong_word_error(
+                f"the function {word!r} is unknown; use one of {', '.join(FUNCTIONS)}"
+            )
         count, function = FUNCTIONS[word]
         self._take("(")
         arguments = [self._sum()]
@@ -225,7 +233,7 @@ class _Formula:
             arguments.append(self._sum())
         self._close()
         if len(arguments) != count:
-            raise self._wrong(
+            raise self._wrong_word_error(
                 f"{word} takes {count} argument{'s' if count > 1 else ''}, got {len(arguments)}"
             )
         value = self._finite(function(*[_expression(each) for each in arguments]), word)
@@ -243,14 +251,14 @@ class _Formula:
         except OverflowError:
             finite = False
         if not finite:
-            raise self._wrong(f"{what} has no finite value here; change its argument")
+            raise self._wrong_word_error(f"{what} has no finite value here; change its argument")
         return value
 
     def _close(self) -> None:
         if not self._take(")"):
-            raise self._wrong("a parenthesis is not closed; add ')'")
+            raise self._wrong_word_error("a parenthesis is not closed; add ')'")
 
-    def _wrong(self, words: str) -> InputError:
+    def _wrong_word_error(self, words: str) -> InputError:
         return InputError(f"{self._where}: {words}")
 
 

@@ -145,12 +145,12 @@ class GeometricMoves:
         """
         if "c" in values:
             yield from (
-                Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shifted(k), 0.05)
+                Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shift_along(k), 0.05)
                 for k in range(3)
             )
         if "q" in values:
             yield from (
-                Symmetry("gauge rotation", rotation_of_g(axis.name), self._turned(axis), 0.3)
+                Symmetry("gauge rotation", rotation_of_g(axis.name), self._turn_about(axis), 0.3)
                 for axis in self.axes
             )
         if self.scale_held:
@@ -176,7 +176,7 @@ class GeometricMoves:
         yield Symmetry(words, f"{words} along the spin axis", _faster_with_bias, 0.1)
 
     def _turned_with_bias(self, axis: GaugeAxis) -> Move:
-        turned = self._turned(axis)
+        turned = self._turn_about(axis)
 
         def move(state: State, amount: ca.SX) -> State:
             """The state moved by an amount, with the measured rate w + b as before."""
@@ -203,7 +203,7 @@ class GeometricMoves:
                 0.1,
             )
 
-    def _turned(self, axis: GaugeAxis) -> Move:
+    def _turn_about(self, axis: GaugeAxis) -> Move:
         def move(state: State, amount: ca.SX) -> State:
             """The state moved by an amount."""
             q, values = turn(axis.direction(state.values), amount), state.values
@@ -224,7 +224,7 @@ class GeometricMoves:
 
         def move(state: State, amount: ca.SX) -> State:
             """The state moved by an amount."""
-            frame = ca.DM.eye(3) if spin is None else _across(state.values["w"], spin)
+            frame = ca.DM.eye(3) if spin is None else _axes_across_rate(state.values["w"], spin)
             first, second = frame[:, row], frame[:, column]
             change = first @ second.T / ca.dot(first, first)
             J = self.inertia(state.values) + amount * (change + change.T) / 2
@@ -244,7 +244,7 @@ class GeometricMoves:
         return State(self.with_inertia(values | {"w": rate}, changed), state.points)
 
 
-def _across(w: Expression, spin: int) -> Expression:
+def _axes_across_rate(w: Expression, spin: int) -> Expression:
     """Two directions across the rate, and the rate.
 
     Moments about each, and the product of the first two, keep it principal.
@@ -272,7 +272,7 @@ def _faster_with_bias(state: State, amount: ca.SX) -> State:
     return state.with_values(w=state.values["w"] + change, b=state.values["b"] - change)
 
 
-def _shifted(axis: int) -> Move:
+def _shift_along(axis: int) -> Move:
     def move(state: State, amount: ca.SX) -> State:
         """The state moved by an amount."""
         shift, values = amount * unit(axis), state.values

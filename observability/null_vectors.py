@@ -95,7 +95,7 @@ def rational_null_space(part: ReachedModel, exact: ExactRank, seed: int = 0) -> 
     for _ in range(TRIES):
         point = _integers(part, random)
         try:
-            found = _lifted(part, exact, point, primes)
+            found = _lift_fractions(part, exact, point, primes)
         except (NotRegularError, InputError):
             continue
         if found is not None:
@@ -112,7 +112,7 @@ def _integers(part: ReachedModel, random: np.random.Generator) -> dict[str, Frac
     return found | {name: part.model.point[name] for name in names if name in part.model.point}
 
 
-def _lifted(
+def _lift_fractions(
     part: ReachedModel, exact: ExactRank, point: dict[str, Fraction], primes: Sequence[int]
 ) -> RationalNullSpace | None:
     """Fractions that hold modulo a prime that they were not lifted from."""

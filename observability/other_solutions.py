@@ -169,7 +169,7 @@ class _Monodromy:
             ends, far = self._ends(np.array(every))
             ended += far
             for end in ends:
-                if all(_apart(end, other).any() for other in every):
+                if all(_differing(end, other).any() for other in every):
                     every.append(end)
             batches += 1
             if batches >= LEAST_BATCHES and (1 - 1 / (len(every) + 1)) ** ended < ENOUGH:
@@ -180,7 +180,10 @@ class _Monodromy:
         others = [end for end, good in zip(every[1:], same[1:], strict=True) if good]
         others.sort(key=lambda end: bool((np.abs(np.imag(end)) > APART).any()))
         found = tuple(
-            {names[k]: _rounded(end[k]) for k in np.flatnonzero(_apart(end, self._truth)).tolist()}
+            {
+                names[k]: _drop_imaginary_rounding(end[k])
+                for k in np.flatnonzero(_differing(end, self._truth)).tolist()
+            }
             for end in others
         )
         point = {name: self._values[name] for name in names}
@@ -191,7 +194,7 @@ class _Monodromy:
         at = starts[self._random.integers(0, len(starts), WAYS)]
         reach = np.exp(self._random.uniform(np.log(SHORTEST_REACH), np.log(LONGEST_REACH), WAYS))
         home = np.tile(self._data[self._rows], (WAYS, 1))
-        corners = np.array([home, *[home + self._turn(reach) for _ in range(2)], home])
+        corners = np.array([home, *[home + self._random_direction(reach) for _ in range(2)], home])
         items, place, step = np.arange(WAYS), np.zeros(WAYS), np.full(WAYS, FIRST_STEP)
         for _ in range(MOST_STEPS):
             if monotonic() > self._until:
@@ -215,7 +218,7 @@ class _Monodromy:
         good = size < SAME
         return list(at[good]), int((reach[arrived][good] > FAR).sum())
 
-    def _turn(self, reach: Float[np.ndarray, " b"]) -> Complex[np.ndarray, "b r"]:
+    def _random_direction(self, reach: Float[np.ndarray, " b"]) -> Complex[np.ndarray, "b r"]:
         """Random changes of the coefficients that move the known solution so far by its own size, to first order."""
         _, slopes = self._coefficients(self._truth[np.newaxis], self._squared)
         slope = slopes[self._rows][:, 0]
@@ -294,11 +297,11 @@ def _independent_rows(rows: Complex[np.ndarray, "m n"]) -> list[int]:
     return found
 
 
-def _apart(a: Complex[np.ndarray, " n"], b: Complex[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def _differing(a: Complex[np.ndarray, " n"], b: Complex[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Unknowns in which two solutions differ."""
     return np.abs(a - b) > APART * (np.abs(a) + np.abs(b))
 
 
-def _rounded(value: complex) -> complex:
+def _drop_imaginary_rounding(value: complex) -> complex:
     """Without an imaginary part that is rounding."""
     return complex(value.real, value.imag if abs(value.imag) > APART * abs(value) else 0.0)

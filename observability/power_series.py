@@ -117,7 +117,7 @@ class Series:
         else:
             above = self._registers[order, group.left]
         rest = self._convolved(group.out, divisor, range(order), order)
-        return self._divided(self._arithmetic.difference(above, rest), self._registers[0, divisor])
+        return self._divide_series(self._arithmetic.difference(above, rest), self._registers[0, divisor])
 
     def _root(self, group: Group, order: int) -> Num[np.ndarray, "g b m"]:
         """c = sqrt(a): c_k = (a_k - sum_{0<j<k} c_j c_{k-j}) / (2 c_0)."""
@@ -127,7 +127,7 @@ class Series:
             return self._with_value(root, self._half_over(now, root))
         rest = self._arithmetic.difference(now, self._convolved(group.out, group.out, range(1, order), order))
         first = self._registers[0, group.out]
-        return self._divided(rest, self._arithmetic.reduced(first + first))
+        return self._divide_series(rest, self._arithmetic.reduced(first + first))
 
     def _half_over(
         self, a: Num[np.ndarray, "g b m"], root: Num[np.ndarray, "g b"]
@@ -141,11 +141,11 @@ class Series:
         if order == 0:
             power = self._branch_decisions.values.get(index)
             if power is None:
-                power = self._arithmetic.exponential(self._turned(now, turns)[..., 0])
-            tangents = self._arithmetic.product(self._turned(now, turns), power[..., np.newaxis])
+                power = self._arithmetic.exponential(self._rotate_series(now, turns)[..., 0])
+            tangents = self._arithmetic.product(self._rotate_series(now, turns), power[..., np.newaxis])
             return self._with_value(power, tangents)
         rest = self._convolved(group.left, group.out, range(1, order + 1), order, weighted=True)
-        return self._turned(rest, turns)
+        return self._rotate_series(rest, turns)
 
     def _logarithm(self, index: int, group: Group, order: int) -> Num[np.ndarray, "g b m"]:
         """c = log(a): c_k = (a_k - sum_{0<j<k} (j/k) c_j a_{k-j}) / a_0, with -i a_k for c = log(a) / i."""
@@ -161,9 +161,9 @@ class Series:
                 value = self._arithmetic.negative(self._arithmetic.times_i(value)) if turns else value
             return self._with_value(value, self._arithmetic.product(above, inverse))
         rest = self._convolved(group.out, group.left, range(1, order), order, weighted=True)
-        return self._divided(self._arithmetic.difference(above, rest), first)
+        return self._divide_series(self._arithmetic.difference(above, rest), first)
 
-    def _turned(self, a: Num[np.ndarray, "g b m"], turns: bool) -> Num[np.ndarray, "g b m"]:
+    def _rotate_series(self, a: Num[np.ndarray, "g b m"], turns: bool) -> Num[np.ndarray, "g b m"]:
         return self._arithmetic.times_i(a) if turns else a
 
     def _convolved(
@@ -192,7 +192,9 @@ class Series:
             self._shares[order] = self._arithmetic.numbers([Fraction(j, order) for j in range(order + 1)])
         return self._shares[order]
 
-    def _divided(self, a: Num[np.ndarray, "g b m"], b: Num[np.ndarray, "g b m"]) -> Num[np.ndarray, "g b m"]:
+    def _divide_series(
+        self, a: Num[np.ndarray, "g b m"], b: Num[np.ndarray, "g b m"]
+    ) -> Num[np.ndarray, "g b m"]:
         """a / b with tangents: (da - (a/b) db) / b."""
         product = self._arithmetic.product
         inverse = self._arithmetic.inverse(b[..., 0])[..., np.newaxis]

@@ -278,7 +278,7 @@ class _Interpolation:
             groups[tuple((a + b) % field.prime for a, b in zip(own, shift, strict=True))][1].append(monomial)
         for numerators, denominators in sorted(groups.values(), key=lambda pair: len(pair[0]) + len(pair[1])):
             if numerators and denominators:
-                found = self._fitted(component, numerators, denominators)
+                found = self._fit_fraction(component, numerators, denominators)
                 if found:
                     return found
         raise NotRationalError
@@ -291,7 +291,7 @@ class _Interpolation:
         moved = (self._fields.part.unknowns[self._free[k]],)
         return weight((*first, *common), moved, self._weights, prime)
 
-    def _fitted(
+    def _fit_fraction(
         self, component: int, numerators: list[Monomial], denominators: list[Monomial]
     ) -> tuple[Polynomial, Polynomial] | None:
         """Coefficients with N - v D = 0 at random points; None where there are none."""

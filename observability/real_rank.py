@@ -238,8 +238,8 @@ def _rank_at(
         raise _NotRealError
     unknown = len(part.unknowns)
     ordered = np.concatenate([rows[..., unknown:], rows[..., :unknown]], axis=-1).transpose(1, 0, 2)
-    before, rest = _eliminated(ordered, jets, arithmetic)
-    return _eliminated(rest[:, before:, jets:], unknown, arithmetic)[0]
+    before, rest = _eliminate_columns(ordered, jets, arithmetic)
+    return _eliminate_columns(rest[:, before:, jets:], unknown, arithmetic)[0]
 
 
 def _gradients(
@@ -318,7 +318,7 @@ def _jets(
     return later_inputs(part, index, order, np.repeat(drawn[:, np.newaxis], TIMES, axis=1), width)
 
 
-def _eliminated(
+def _eliminate_columns(
     rows: Num[np.ndarray, "b r n"], columns: int, arithmetic: RandomRounding
 ) -> tuple[int, Num[np.ndarray, "b r n"]]:
     """Pivots in the first columns that are surely not 0, the surest first, and what elimination leaves, pivots' rows above."""

@@ -150,7 +150,7 @@ class DrivenMotion:
         h = dt / count
         for k in range(count):
             time = start + k * h
-            acting = [self._acting(time + share * h) for share in (0.0, 0.5, 1.0)]
+            acting = [self._acting_torque_and_force(time + share * h) for share in (0.0, 0.5, 1.0)]
             x, rows = self._substep(x, *acting, h)
             rows = rows.reshape(n, n + 1)
             transition = rows[:, :n] @ transition
@@ -168,7 +168,7 @@ class DrivenMotion:
             )
         return count
 
-    def _acting(self, time: float) -> Float[np.ndarray, " 6"]:
+    def _acting_torque_and_force(self, time: float) -> Float[np.ndarray, " 6"]:
         """Torque over the inertia's scale, then the acceleration of the body in frame i."""
         acting = np.zeros(6)
         for each in self._inputs:

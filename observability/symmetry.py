@@ -198,11 +198,13 @@ def _gauge_and_scales(values: dict[str, Expression], axes: list[GaugeAxis]) -> I
     """Symmetries of g's place in the body, scales, and single masses."""
     if "c" in values:
         yield from (
-            Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shifted(k), 0.05)
+            Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shift_along(k), 0.05)
             for k in range(3)
         )
     if "q_gb" in values:
-        yield from (Symmetry("gauge rotation", rotation_of_g(axis.name), _turned(axis), 0.3) for axis in axes)
+        yield from (
+            Symmetry("gauge rotation", rotation_of_g(axis.name), _turn_about(axis), 0.3) for axis in axes
+        )
     if "J" in values:
         yield Symmetry("scale of the inertia", "scale of the inertia", _heavier, 0.2)
     if "r" in values:
@@ -231,11 +233,14 @@ def _centre(still: bool) -> Iterator[Symmetry]:
 def _rolls(still: bool) -> Iterator[Symmetry]:
     if not still:
         yield Symmetry(
-            "roll about the spin axis", "roll of the principal axes about the spin axis", _rolled(None), 0.3
+            "roll about the spin axis",
+            "roll of the principal axes about the spin axis",
+            _roll_about(None),
+            0.3,
         )
     for k in range(3):
         yield Symmetry(
-            "roll of the principal axes", f"roll of the principal axes about {AXES[k]}", _rolled(k), 0.3
+            "roll of the principal axes", f"roll of the principal axes about {AXES[k]}", _roll_about(k), 0.3
         )
 
 
@@ -249,7 +254,7 @@ def _first_order(still: bool, crooked: bool) -> Iterator[Symmetry]:
         )
 
 
-def _shifted(axis: int):
+def _shift_along(axis: int):
     def move(state: State, amount: ca.SX) -> State:
         """The state moved by an amount."""
         shift = amount * unit(axis)
@@ -258,7 +263,7 @@ def _shifted(axis: int):
     return move
 
 
-def _turned(axis: GaugeAxis):
+def _turn_about(axis: GaugeAxis):
     def move(state: State, amount: ca.SX) -> State:
         """The state moved by an amount."""
         q = turn(axis.direction(state.values), amount)
@@ -294,7 +299,7 @@ def _moment(axis: int):
     return move
 
 
-def _rolled(axis: int | None):
+def _roll_about(axis: int | None):
     """Rotation of the axes b within the body.
 
     About one of them or about the rate: R_ig and the rate in g stay.

@@ -217,11 +217,11 @@ class _Reader:
         elif operation == "input":
             self._current[written[0]] = int(edges[read[0]]) + read[1]
         elif operation == "const":
-            self._current[written[0]] = self._named(function.instruction_constant(k))
+            self._current[written[0]] = self._name_constant(function.instruction_constant(k))
         else:
             self._operate(operation, [self._current[register] for register in read], written[0])
 
-    def _named(self, value: float) -> int:
+    def _name_constant(self, value: float) -> int:
         """The register of a constant, which is written as what it was computed from where that is known."""
         for named in (sum_of_roots, logarithm_multiple):
             register = named(self, value) if np.isfinite(value) else None

@@ -62,13 +62,13 @@ def _operation(operation: str, operands: list[Sum]) -> Sum:
     a, b = operands[0], operands[-1]
     match operation:
         case "add":
-            return _added(a, b, 1)
+            return _add_terms(a, b, 1)
         case "sub":
-            return _added(a, b, -1)
+            return _add_terms(a, b, -1)
         case "neg":
-            return _scaled(a, Fraction(-1))
+            return _scale_sum(a, Fraction(-1))
         case "twice":
-            return _scaled(a, Fraction(2))
+            return _scale_sum(a, Fraction(2))
         case "assign":
             return a
         case "mul":
@@ -102,14 +102,14 @@ def _atom(name: str) -> Sum:
     return {((name, Fraction(1)),): Fraction(1)}
 
 
-def _added(a: Sum, b: Sum, sign: int) -> Sum:
+def _add_terms(a: Sum, b: Sum, sign: int) -> Sum:
     total = defaultdict(Fraction, a)
     for product, value in b.items():
         total[product] += sign * value
     return {product: value for product, value in total.items() if value}
 
 
-def _scaled(a: Sum, factor: Fraction) -> Sum:
+def _scale_sum(a: Sum, factor: Fraction) -> Sum:
     return {product: value * factor for product, value in a.items()}
 
 
@@ -169,7 +169,7 @@ def _split(a: Sum) -> tuple[Product, Fraction, Sum]:
     rest = _product({tuple(sorted(negative.items())): 1 / divisor}, a)
     first = min(rest, key=_order)
     if rest[first] < 0 and all(value < 0 for value in rest.values()):
-        divisor, rest = -divisor, _scaled(rest, Fraction(-1))
+        divisor, rest = -divisor, _scale_sum(rest, Fraction(-1))
     return common, divisor, rest
 
 
@@ -206,8 +206,8 @@ def _sum_in_words(a: Sum) -> str:
 
 
 def _term(product: Product, value: Fraction) -> str:
-    above = [_raised(atom, power) for atom, power in product if power > 0]
-    below = [_raised(atom, -power) for atom, power in product if power < 0]
+    above = [_raise_power(atom, power) for atom, power in product if power > 0]
+    below = [_raise_power(atom, -power) for atom, power in product if power < 0]
     size = abs(value)
     exact = size.denominator <= LARGEST_DENOMINATOR
     if size.numerator != 1 or not exact:
@@ -220,7 +220,7 @@ def _term(product: Product, value: Fraction) -> str:
     return words if value > 0 else f"-{words}"
 
 
-def _raised(atom: str, power: Fraction) -> str:
+def _raise_power(atom: str, power: Fraction) -> str:
     if power == 1:
         return atom
     if power == Fraction(1, 2):

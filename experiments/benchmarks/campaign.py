@@ -12,15 +12,17 @@ import argparse
 import resource
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
+from experiments.benchmarks.stopwatch import begin_benchmark
 from experiments.command_line import run_study
 from spinfilters.campaigns.batch import Batches
 from spinfilters.campaigns.dask_cluster import DaskCluster
 from spinfilters.campaigns.engine import run_campaign
 from spinfilters.campaigns.row_columns import TIMES
 from spinfilters.campaigns.rows_folder import read_rows
-from spinfilters.campaigns.study import Study, study_from
+from spinfilters.campaigns.study import study_from
 from spinfilters.io.input_file import read_toml
 
 
@@ -34,24 +36,48 @@ def main() -> None:
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--batch", action="store_true")
     given = parser.parse_args()
-    document = dict(read_toml(given.study))
-    document["study"] = {**document["study"], "seeds": given.seeds}
+    begin_benchmark("experiments.benchmarks.campaign", "wall and processor", "workers of one thread")
     for workers in given.workers:
-        print(_line(study_from(document, str(given.study)), workers, given.batch), flush=True)
+        cost = campaign_cost(given.study, given.seeds, workers, given.batch)
+        print(f"{workers} worker(s): {cost}", flush=True)
 
 
-def _line(study: Study, workers: int, batch: bool) -> str:
+@dataclass(frozen=True)
+class CampaignCost:
+    """What a campaign took, s.
+
+    Attributes
+    ----------
+    wall, processor: of the whole, start of the workers included.
+    own: of simulating, initialising, estimating and evaluating, processor time.
+    """
+
+    runs: int
+    wall: float
+    processor: float
+    own: float
+
+    def __str__(self) -> str:
+        more = self.processor / self.own - 1
+        return (
+            f"{self.runs} runs in {self.wall:.1f} s, {self.runs / self.wall:.1f} a second; "
+            f"{1e3 * self.processor / self.runs:.1f} ms of processor a run, {more:.1%} more than the runs' own"
+        )
+
+
+def campaign_cost(path: Path, seeds: int, workers: int, batch: bool) -> CampaignCost:
+    """Cost of a study with so many seeds."""
+    document = dict(read_toml(path))
+    document["study"] = {**document["study"], "seeds": seeds}
+    study = study_from(document, str(path))
     begin, before = time.perf_counter(), _processor_time()
     with tempfile.TemporaryDirectory(prefix="spinfilters-campaign-") as place:
         folder = Path(place) / "rows"
         run_campaign(study, folder, Batches(workers) if batch else DaskCluster(processes=workers))
         wall, spent = time.perf_counter() - begin, _processor_time() - before
         rows = read_rows(folder, study.columns)
-    parts = sum(value or 0.0 for name in TIMES for value in rows[f"time_{name}_s"].to_pylist())
-    return (
-        f"{workers} worker(s): {len(rows)} runs in {wall:.1f} s, {len(rows) / wall:.1f} a second; "
-        f"{1e3 * spent / len(rows):.1f} ms of processor a run, {spent / parts - 1:.1%} more than the runs' own"
-    )
+    own = sum(value or 0.0 for name in TIMES for value in rows[f"time_{name}_s"].to_pylist())
+    return CampaignCost(len(rows), wall, spent, own)
 
 
 def _processor_time() -> float:

@@ -2,13 +2,16 @@
 
 import os
 import platform
+import subprocess
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Final
+from typing import Final, NamedTuple
 
 from spinfilters.core.c_library import LANES, compiler, compiler_version
+from spinfilters.core.errors import InputError
 
 CLOCKS: Final[dict[str, Callable[[], float]]] = {"wall": perf_counter, "processor": process_time}
 """Processor time leaves out what else a machine does. Wall time is what a user waits for; it needs quiet cores."""
@@ -21,11 +24,12 @@ def begin_benchmark(module: str, clock: str = "processor", threads: str = "one t
     Parameters
     ----------
     module: its full name.
-    clock: of `CLOCKS`.
+    clock: of `CLOCKS`; another name is that of a benchmark that has clocks of its own, and is printed alone.
     threads: how the printed line calls them; a benchmark that starts processes has some of one thread each.
     """
     use_one_thread(module)
-    _chosen[0] = clock
+    if clock in CLOCKS:
+        _chosen[0] = clock
     print(f"{machine()}; {threads}, {clock} time", flush=True)
 
 
@@ -37,6 +41,42 @@ def now() -> float:
 ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
 )
+
+
+class CommandCost(NamedTuple):
+    """What a command took.
+
+    Attributes
+    ----------
+    wall, processor: s; of the processor its children too, as far as it has waited for them.
+    peak_mb: largest resident memory of one process, MB.
+    """
+
+    wall: float
+    processor: float
+    peak_mb: float
+
+
+def cost_of_command(command: Sequence[str], **environment: str) -> CommandCost:
+    """Run a command without its output, in the folder of temporary files: no module of this folder is taken for an installed one.
+
+    Raises
+    ------
+    InputError: it fails.
+    """
+    begin = perf_counter()
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        cwd=tempfile.gettempdir(),
+        env={**os.environ, **environment},
+    )
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise InputError(f"'{' '.join(command)}' ends with exit code {process.returncode}; run it by itself")
+    return CommandCost(perf_counter() - begin, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
 
 
 def use_one_thread(module: str) -> None:

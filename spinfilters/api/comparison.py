@@ -20,9 +20,7 @@ from spinfilters.api.arguments import RunArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
 from spinfilters.api.labelled_arrays import labelled_arrays, write_netcdf
-from spinfilters.api.mcap_file import write_mcap
 from spinfilters.api.recordings import load
-from spinfilters.api.rerun_file import write_rrd
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import ComparisonCells, comparison_cells, comparison_table
 from spinfilters.evaluation.estimated_motion import (
@@ -55,6 +53,8 @@ from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
 from spinfilters.run.estimation import Comparison, Progress
+from spinfilters.run.mcap_file import write_mcap
+from spinfilters.run.rerun_file import write_rrd
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
 from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
 from spinfilters.settings.run_settings import Settings, names_in, read_settings
@@ -563,7 +563,7 @@ def compare(
     KeyboardInterrupt
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
-    chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
+    chosen = _set_initial_belief(_settings(settings, estimators, verdict), belief, from_truth)
     reading = {"unit": unit, "clock": clock, "rate": rate, "topic": topic, "columns": columns, "rig": rig}
     dataset = given_dataset(data, segment, kind=kind, units=units, **reading)
     how = RunArguments(
@@ -641,7 +641,9 @@ def _settings(
     return chosen if estimators is None else replace(chosen, estimators=_names(estimators))
 
 
-def _beginning(settings: Settings, belief: Mapping[str, Any] | None, from_truth: int | None) -> Settings:
+def _set_initial_belief(
+    settings: Settings, belief: Mapping[str, Any] | None, from_truth: int | None
+) -> Settings:
     """The settings with a belief from which estimators begin. InputError: one that cannot be."""
     changes: dict[str, Any] = {}
     if belief is not None:

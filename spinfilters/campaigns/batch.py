@@ -133,7 +133,7 @@ class _Batch:
         )
         spent["simulate"] = time.process_time() - begin - sum(spent.values())
         mean = self._beliefs(setup, simulated)
-        taken = estimator.take_in_runs(_epochs(setup, simulated), mean, _tiled(setup, mean))
+        taken = estimator.take_in_runs(_epochs(setup, simulated), mean, _tile_factor(setup, mean))
         if taken is None:
             return [self._runner.row(run) for run in self._runs]
         spent["estimate"] = time.process_time() - begin - sum(spent.values())
@@ -180,7 +180,7 @@ class _Batch:
         return [known | result_columns(each, shared, chosen) for each in evaluations]
 
 
-def _tiled(setup: Setup, mean: Float[np.ndarray, "r m"]) -> Float[np.ndarray, "r n n"]:
+def _tile_factor(setup: Setup, mean: Float[np.ndarray, "r m"]) -> Float[np.ndarray, "r n n"]:
     """The first covariance factor, the same of all runs."""
     return np.tile(setup.belief.state.factor, (len(mean), 1, 1))
 
@@ -220,8 +220,8 @@ def _evaluations(
         return []
     layout, times, count = setup.process.layout, times_of(setup.timeline), len(setup.timeline)
     observations = setup.observations
-    before = {"mean": first[whole, np.newaxis], "factor": _tiled(setup, first[whole])[:, np.newaxis]}
-    arrays = {name: _behind(before.get(name), values[whole]) for name, values in taken.rows.items()}
+    before = {"mean": first[whole, np.newaxis], "factor": _tile_factor(setup, first[whole])[:, np.newaxis]}
+    arrays = {name: _rows_after_first(before.get(name), values[whole]) for name, values in taken.rows.items()}
     each = np.r_[0.0, np.full(count - 1, seconds / (len(first) * (count - 1)))]
     arrays |= {"runtime": np.tile(each, (len(whole), 1))}
     arrays |= {"time": times + simulated.period * whole[:, np.newaxis]}
@@ -253,7 +253,7 @@ def _evaluations(
     return found
 
 
-def _behind(before: np.ndarray | None, values: np.ndarray) -> np.ndarray:
+def _rows_after_first(before: np.ndarray | None, values: np.ndarray) -> np.ndarray:
     """Rows of each run behind that of its first belief, which counts nothing."""
     if before is None:
         before = np.zeros_like(values[:, :1])

@@ -94,10 +94,10 @@ def read_folder(folder: Path) -> tuple[Study, dict[str, Any]]:
         raise InputError(
             f"{path_text(folder)}: is no campaign's folder; give one made by 'spinfilters campaign'"
         )
-    return read_study(folder / STUDY_FILE), _begun(folder)
+    return read_study(folder / STUDY_FILE), _read_provenance(folder)
 
 
-def _begun(folder: Path) -> dict[str, Any]:
+def _read_provenance(folder: Path) -> dict[str, Any]:
     """Provenance of a campaign's begin. InputError: damaged, or of another version."""
     try:
         document = json.loads(read_settings_text(folder / BEGUN_FILE))
@@ -115,7 +115,7 @@ def _require_same(folder: Path, study: Study) -> None:
         raise InputError(
             f"{path_text(folder)}: is not empty and no campaign's folder; choose another folder with -o"
         )
-    if _begun(folder).get("fingerprint") != study.fingerprint:
+    if _read_provenance(folder).get("fingerprint") != study.fingerprint:
         raise InputError(
             f"{path_text(folder)}: holds another study than {study.name!r}; choose another folder with -o"
         )

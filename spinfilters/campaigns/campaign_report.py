@@ -67,7 +67,7 @@ def asked_section(description: str, told: Mapping[str, str], study: str) -> str:
 
 def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], picture: str) -> str:
     """NEES by cell with its interval and band."""
-    blocks = [metric for metric in _shown(cells, Section.CONSISTENCY) if metric.label.startswith(" ")]
+    blocks = [metric for metric in _metrics_shown(cells, Section.CONSISTENCY) if metric.label.startswith(" ")]
     head = [
         *varied,
         "runs",
@@ -84,8 +84,9 @@ def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], pic
     ]
     remark = (
         "Normalised estimation error squared per degree of freedom, 1 for a consistent estimator: mean over runs of the mean over "
-        "the estimator's own epochs, with its 95 % confidence interval. Last epoch: mean over runs, marked where it lies outside "
-        "the band that holds it with probability 95 % for a consistent estimator. Of the blocks: means."
+        "the estimator's own epochs, with its 95 % confidence interval. Last epoch: mean over the N runs, marked where it lies "
+        "outside the 95 % band: the interval that holds the mean of N runs of a consistent estimator with probability 95 %, from "
+        "chi-square with N times the state's degrees of freedom. It narrows as N grows. Of the blocks: means."
     )
     return note(remark) + table(head, rows, len(varied)) + _cut(cells) + picture
 
@@ -104,7 +105,7 @@ def _consistency_cells(cell: CellSummary) -> list[str]:
     ]
 
 
-def _shown(cells: Sequence[CellSummary], *sections: Section) -> list[Metric]:
+def _metrics_shown(cells: Sequence[CellSummary], *sections: Section) -> list[Metric]:
     """Metrics of these sections that any cell has numbers of."""
     return [
         metric
@@ -117,7 +118,7 @@ def errors_section(cells: Sequence[CellSummary], varied: Sequence[str], picture:
     """Errors and their ratio to the bound."""
     tables = []
     for section in (Section.MOTION, Section.BODY):
-        errors = [metric for metric in _shown(cells, section) if metric.bound is not None]
+        errors = [metric for metric in _metrics_shown(cells, section) if metric.bound is not None]
         head = [*varied, *(part for metric in errors for part in (metric.title, "over bound"))]
         rows = [
             [*_levels(cell, varied), *(part for metric in errors for part in _error_cells(cell, metric))]
@@ -143,7 +144,7 @@ def further_section(cells: Sequence[CellSummary], varied: Sequence[str]) -> str:
     """Means of the metrics that no other section shows."""
     shown = [
         metric
-        for metric in _shown(cells, Section.USE, Section.CONSISTENCY, Section.FURTHER, Section.COST)
+        for metric in _metrics_shown(cells, Section.USE, Section.CONSISTENCY, Section.FURTHER, Section.COST)
         if metric.label and not metric.column_name.startswith("nees")
     ]
     head = [*varied, *(metric.title for metric in shown)]
@@ -449,7 +450,9 @@ def nees_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure |
         axes.set_visible(False)
     panels[0].set_ylim(0.0, min(highest, 10.0))
     panels[0].set_ylabel("NEES / dof, mean over runs [-]")
-    band = Patch(color=GREEN, alpha=0.25, label="95 % band of a consistent estimator")
+    band = Patch(
+        color=GREEN, alpha=0.25, label="95 % interval of the mean over the runs, for a consistent estimator"
+    )
     legend_below(figure, [*(line.handle for line in lines.values()), band])
     return figure
 

@@ -93,7 +93,7 @@ class DaskCluster:
             while unanswered:
                 left = (tuple(run for run in chunk if run in unanswered) for chunk in chunks)
                 with _connected(address, patience) as client:
-                    for row in _answers(client, study, filter(None, left)):
+                    for row in _collect_rows(client, study, filter(None, left)):
                         if row["run"] in unanswered:  # not of a chunk that was handed out twice
                             unanswered.discard(row["run"])
                             yield row
@@ -151,7 +151,7 @@ def make_runs(name: str, chunk: Chunk) -> None:
             worker.log_event(name, json.dumps(process.row(run)))
 
 
-def _answers(client: Client, study: Study, chunks: Iterable[Chunk]) -> Iterator[Row]:
+def _collect_rows(client: Client, study: Study, chunks: Iterable[Chunk]) -> Iterator[Row]:
     """Rows as they come, a few chunks under way at a time; the end comes early when the scheduler is lost."""
     name = f"spinfilters-{uuid.uuid4().hex}"  # of this campaign alone, where another runs the same study on the same cluster
     waiting, under_way = deque(chunks), set()

@@ -99,9 +99,9 @@ class Runner:
         """The data set of a run."""
         path = self.study.cells[run.cell].own_recording
         if path:
-            return self._once("recording", path, lambda: read_dataset(path))
+            return self._cache_latest("recording", path, lambda: read_dataset(path))
         factors = self._factors(run)
-        return self._once("recording", (run.seed, factors), lambda: self._simulated(run, factors))
+        return self._cache_latest("recording", (run.seed, factors), lambda: self._simulated(run, factors))
 
     def setup(self, run: CampaignRun) -> Setup:
         """The run's data set, initialised."""
@@ -111,7 +111,7 @@ class Runner:
         for table in ("process", "sensors", "initialisation", "landmarks"):
             key = (*key, getattr(cell.settings, table))
         with self._timed("initialise"):
-            return self._once("prepared", key, lambda: self._initialised(run, cell, dataset))
+            return self._cache_latest("prepared", key, lambda: self._initialised(run, cell, dataset))
 
     def compared(self, run: CampaignRun, with_bound: bool) -> Comparison:
         """The run's estimator, evaluated."""
@@ -174,7 +174,7 @@ class Runner:
                 dataset = faulty_recording(scenario, fault, factors.fault.model_size * fault.size, drawn)
                 return self._hide_from_estimators(dataset, factors, seeds)
             key = (run.seed, factors.motion, factors.body, scenario.noise, scenario.kinds)
-            motion: Motion = self._once(
+            motion: Motion = self._cache_latest(
                 "motion", key, lambda: motion_in_view(scenario, np.random.default_rng(seeds.motion))
             )
             dataset = measured(scenario, motion, np.random.default_rng(seeds.measurements))
@@ -199,7 +199,7 @@ class Runner:
         generator = np.random.default_rng(run_seeds(self.study.options.root_seed, run.seed).belief)
         return prepared_with_drawn_belief(dataset, cell.settings, cell.belief, generator)
 
-    def _once(self, what: str, key: object, make: Callable[[], T]) -> T:
+    def _cache_latest(self, what: str, key: object, make: Callable[[], T]) -> T:
         """The latest result, made again where its key differs."""
         if what not in self._latest or self._latest[what][0] != key:
             self._latest.pop(what, None)

@@ -340,16 +340,16 @@ class _TableMaker:
         level = levels.get(kind, BASE)
         if level != BASE and level not in tables:
             raise InputError(f"level {value_text(level)} of {kind} has no table; give [{kind}.{level}]")
-        merged = _merged(tables.get(BASE, {}), tables.get(level, {}))
+        merged = _merge_tables(tables.get(BASE, {}), tables.get(level, {}))
         for name, value in levels.items():
             if name.startswith(f"{kind}."):
-                merged = _merged(merged, _nested(name.split(".")[1:], value))
+                merged = _merge_tables(merged, _nested(name.split(".")[1:], value))
         key = kind + json.dumps(merged, sort_keys=True)
         if key not in self._made:
-            self._made[key] = self._checked(kind, merged)
+            self._made[key] = self._check_table(kind, merged)
         return self._made[key]
 
-    def _checked(self, kind: str, table: dict[str, Any]) -> "_Part":
+    def _check_table(self, kind: str, table: dict[str, Any]) -> "_Part":
         if kind != "settings":
             drawn = () if kind == "belief" else drawn_numbers(kind, table)
             for number in drawn:
@@ -406,13 +406,13 @@ def _recordings_of(path: str) -> list[str]:
     return found
 
 
-def _merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+def _merge_tables(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
     """Tables with those of the second in place of the first's, key by key."""
     merged = dict(first)
     for key, value in second.items():
         inner = merged.get(key)
         if isinstance(inner, Mapping) and isinstance(value, Mapping):
-            merged[key] = _merged(inner, value)
+            merged[key] = _merge_tables(inner, value)
         else:
             merged[key] = value
     return merged

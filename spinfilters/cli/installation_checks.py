@@ -60,7 +60,7 @@ def attitude_round_trip() -> str:
     p = conversions.quaternion_from_mrp(conversions.mrp_from_quaternion(p))
     p = conversions.quaternion_from_rotation_vector(conversions.rotation_vector_from_quaternion(p))
     error = float(np.abs(p * np.sign(np.sum(p * q, axis=1, keepdims=True)) - q).max())
-    return _within(error, ROUND_TRIP_TOLERANCE, "largest error of a component")
+    return _describe_error(error, ROUND_TRIP_TOLERANCE, "largest error of a component")
 
 
 def process_linearisation() -> str:
@@ -76,7 +76,7 @@ def process_linearisation() -> str:
     behind = layout.local(after, process.step(layout.retract(x, -offsets), dt))
     differences = ((ahead - behind) / (2 * DIFFERENCE_STEP)).T
     error = float(np.abs(transition - differences).max())
-    return _within(error, DERIVATIVE_TOLERANCE, "largest difference of an entry")
+    return _describe_error(error, DERIVATIVE_TOLERANCE, "largest difference of an entry")
 
 
 def filters_run() -> str:
@@ -169,7 +169,7 @@ def _seconds(function: Compiled, *arguments: np.ndarray) -> float:
     return min(times)
 
 
-def _within(error: float, tolerance: float, what: str) -> str:
+def _describe_error(error: float, tolerance: float, what: str) -> str:
     if not error <= tolerance:
         raise CheckError(f"{what} {error:.1e}, allowed {tolerance:.0e}")
     return f"{what} {error:.1e}"

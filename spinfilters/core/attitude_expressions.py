@@ -172,7 +172,7 @@ def euler321_from_quaternion(q: Expression) -> Expression:
     half_difference = ca.if_else(A < GIMBAL_LOCK, total, difference)
     half_sum = ca.if_else(B < GIMBAL_LOCK, difference, total)
     theta = 2 * ca.atan2(A - B, A + B)
-    return ca.vertcat(_wrapped(half_sum + half_difference), theta, _wrapped(half_sum - half_difference))
+    return ca.vertcat(_wrap_angle(half_sum + half_difference), theta, _wrap_angle(half_sum - half_difference))
 
 
 def quaternion_rate(q: Expression, w: Expression) -> Expression:
@@ -189,7 +189,7 @@ def linear_rate_rotation(w0: Expression, w1: Expression, dt: Expression) -> Expr
     return dt * (w0 + w1) / 2 + dt**2 / 12 * ca.cross(w0, w1)
 
 
-def _wrapped(angle: Expression) -> Expression:
+def _wrap_angle(angle: Expression) -> Expression:
     """The angle in (-pi, pi] of one within (-3 pi, 3 pi)."""
     return angle - ca.if_else(angle > ca.pi, 2 * ca.pi, 0) + ca.if_else(angle < -ca.pi, 2 * ca.pi, 0)
 

@@ -238,7 +238,7 @@ def inertial_acceleration(
 
 
 def _quaternion_rate(q: Array, w: Array) -> Array:
-    return 0.5 * conversions.quaternion_product(q, _appended(w, np.zeros(w.shape[:-1])))
+    return 0.5 * conversions.quaternion_product(q, _append_scalar(w, np.zeros(w.shape[:-1])))
 
 
 def _body_rate_of_quaternion(q: Array, rate: Array) -> Array:
@@ -340,7 +340,7 @@ def _dot(a: Array, b: Array) -> Array:
     return np.sum(a * b, axis=-1, keepdims=True)
 
 
-def _appended(vector: Array, scalar: Array) -> Array:
+def _append_scalar(vector: Array, scalar: Array) -> Array:
     return np.concatenate([vector, scalar[..., np.newaxis]], axis=-1)
 
 
@@ -397,7 +397,7 @@ PARAMETRISATIONS: Final[tuple[Parametrisation, ...]] = (
         "axis-angle",
         (4,),
         lambda value: conversions.quaternion_from_axis_angle(value[..., :3], value[..., 3]),
-        lambda q: _appended(*conversions.axis_angle_from_quaternion(q)),
+        lambda q: _append_scalar(*conversions.axis_angle_from_quaternion(q)),
         _axis_angle_rate,
         _body_rate_of_axis_angle,
     ),

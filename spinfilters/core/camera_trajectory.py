@@ -200,7 +200,7 @@ def later(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Flo
 def drifting(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Float[np.ndarray, "k 6 3"]:
     """Displacement by positions that drift linearly from the first time on, per metre a minute along each axis of i."""
     found = np.zeros((len(time), 6, 3))
-    found[:, :3] = _since(time)[:, None, None] * np.eye(3)
+    found[:, :3] = _seconds_since_first(time)[:, None, None] * np.eye(3)
     return found
 
 
@@ -210,7 +210,7 @@ def turning(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> F
     to_camera = np.swapaxes(
         matrix_from_quaternion(poses[:, 3:]), 1, 2
     )  # a rotation about axes i in those of the camera
-    found[:, 3:] = _since(time)[:, None, None] * to_camera
+    found[:, 3:] = _seconds_since_first(time)[:, None, None] * to_camera
     return found
 
 
@@ -221,5 +221,5 @@ def levered(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> F
     return found
 
 
-def _since(time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+def _seconds_since_first(time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     return (time - time[:1]) / MINUTE  # of no time at all none

@@ -72,7 +72,7 @@ def installed_plugins(group: str, kind: type[Entry]) -> tuple[Entry, ...]:
         points = metadata.entry_points(group=group)
     except Exception as error:  # of a file that is none of ours
         raise _malformed(group, error) from error
-    return tuple(_loaded(group, kind, point) for point in points)
+    return tuple(_load_entry_point(group, kind, point) for point in points)
 
 
 _MEMBERS: dict[str, Callable[[], tuple[object, ...]]] = {}
@@ -219,7 +219,7 @@ def plugin_in(error: BaseException) -> str | None:
     return None
 
 
-def _loaded(group: str, kind: type[Entry], point: "EntryPoint") -> Entry:
+def _load_entry_point(group: str, kind: type[Entry], point: "EntryPoint") -> Entry:
     """The object that an entry point names."""
     where = f"plug-in {point.name!r} ({point.value}) of the group {group}"
     try:

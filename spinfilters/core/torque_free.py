@@ -206,7 +206,7 @@ def motion_of_moments(
     time = np.array(time, dtype=np.float64)
     if not np.all(np.isfinite(time)):
         raise InputError("time holds NaN or infinity; give finite times in s")
-    moments, rate0, scale = _scaled(moments, rate0)
+    moments, rate0, scale = _scale_motion(moments, rate0)
     flat_time = time.reshape(-1) * scale
     if is_fixed_rate(moments, rate0):
         rate, turn = _fixed_rate_motion(rate0, flat_time)
@@ -222,14 +222,16 @@ def polhode_period(moments: Float[np.ndarray, "3"], rate0: Float[np.ndarray, "3"
     It is infinite on the separatrix and for rates that stay fixed. A polhode about an axis of symmetry, a circle, has the period of
     the nutation. ``moments`` are positive (kg m^2), ``rate0`` in rad/s in body principal axes.
     """
-    moments, rate0, scale = _scaled(positive_moments(moments), finite_vector(rate0, 3, "rate0", "rad/s"))
+    moments, rate0, scale = _scale_motion(
+        positive_moments(moments), finite_vector(rate0, 3, "rate0", "rad/s")
+    )
     if is_fixed_rate(moments, rate0):
         return math.inf
     rates = euler_rates(moments, rate0)
     return 4.0 * rates.shape.modulus.quarter_period / abs(rates.frequency * scale)
 
 
-def _scaled(
+def _scale_motion(
     moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], float]:
     """Moments and rate scaled to order one, and the unit of the rate in rad/s.

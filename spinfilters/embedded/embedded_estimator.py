@@ -258,7 +258,7 @@ class EmbeddedFilter(Estimator):
                 f"the embedded filter takes {', '.join(self.options.sensors)}, not {name!r}; leave it out of --estimators"
             )
         if EMITTED_SENSORS[name].landmark_model is not None:
-            return self._observed(measurement)
+            return self._update_landmarks(measurement)
         nis, dof, used = 0.0, 0, 0
         for value, parameters in zip(measurement.values, measurement.parameters, strict=True):
             result = self._call(f"sf_update_{name}", self._array(value), self._array(parameters))
@@ -283,7 +283,7 @@ class EmbeddedFilter(Estimator):
         self._move, self._move_rows = snapshot["move"].copy(), snapshot["move_rows"].copy()
         self._fast, self._not_finite = (int(count) for count in snapshot["counts"])
 
-    def _observed(self, measurement: Measurement) -> UpdateReport:
+    def _update_landmarks(self, measurement: Measurement) -> UpdateReport:
         """Landmarks of the estimated map, or of a known one.
 
         A known one stands in the map for this call alone.

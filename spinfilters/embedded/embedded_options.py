@@ -96,11 +96,11 @@ class EmbedOptions:
         BIAS_PSD.require("embed --gyro-bias-psd", self.gyro_bias_psd)
         if self.gyro_bias_psd and not self.gyro_bias_std:
             raise InputError("embed --gyro-bias-psd needs a bias in the state; give --gyro-bias-std too")
-        for block in self._further:
+        for block in self._added_blocks:
             self._require_seen(block)
 
     @property
-    def _further(self) -> list[str]:
+    def _added_blocks(self) -> list[str]:
         """Names of the blocks that the options add."""
         wanted = {"b": self.gyro_bias_std > 0, "f": self.acceleration}
         return [block for block, is_wanted in wanted.items() if is_wanted]
@@ -134,7 +134,7 @@ class EmbedOptions:
         from spinfilters.models.state_blocks import BLOCKS
         from spinfilters.models.state_layout import StateLayout
 
-        further = [BLOCKS[name] for name in self._further]
+        further = [BLOCKS[name] for name in self._added_blocks]
         return StateLayout(EMITTED_SENSORS[self.sensor].blocks).joined(*further)
 
     @property

@@ -114,7 +114,7 @@ def substep_expression() -> tuple[list[ca.SX], list[ca.SX]]:
     """
     q, w, j, h = ca.SX.sym("q", 4), ca.SX.sym("w", 3), ca.SX.sym("j", 6), ca.SX.sym("h")
     rates, slopes, sensitivities = _stages(w, j, h)
-    turn, by_rates = _turn(rates, h)
+    turn, by_rates = _rotate_substep(rates, h)
     by_start = ca.horzcat(ca.SX.eye(3), ca.SX(3, INERTIA_ENTRIES))
     by_both = sum(
         (by_rates[:, 3 * k : 3 * k + 3] @ each for k, each in enumerate(sensitivities)), ca.SX(3, 8)
@@ -155,7 +155,7 @@ def _stages(w: ca.SX, j: ca.SX, h: ca.SX) -> tuple[list[ca.SX], list[tuple[ca.SX
     return rates, slopes, sensitivities
 
 
-def _turn(rates: list[ca.SX], h: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _rotate_substep(rates: list[ca.SX], h: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Quaternion of a substep from the rates at its stages, and its error's derivative (3, 12) by these rates."""
     symbols = [ca.SX.sym(f"w{k}", 3) for k in range(len(rates))]
     identity, k, total = ca.SX([0, 0, 0, 1]), ca.SX(4, 1), ca.SX(4, 1)

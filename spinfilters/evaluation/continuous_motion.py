@@ -133,8 +133,10 @@ class ContinuousMotion:
         dt = np.diff(time)
         fastest = float(np.max(np.linalg.norm(rate, axis=1)))
         steps = int(np.clip(np.ceil(fastest * dt.max() / STEP_ANGLE), 1, max(MOST_SAMPLES // len(time), 1)))
-        ahead = _propagated(self.inertia, q[:-1], rate[:-1], dt / steps, steps)
-        behind = [part[::-1] for part in _propagated(self.inertia, q[1:], rate[1:], -dt / steps, steps)]
+        ahead = _propagate_motions(self.inertia, q[:-1], rate[:-1], dt / steps, steps)
+        behind = [
+            part[::-1] for part in _propagate_motions(self.inertia, q[1:], rate[1:], -dt / steps, steps)
+        ]
         share = (np.arange(steps + 1) / steps)[:, None, None]
         turn = rotation_vector_from_quaternion(multiply(inverse(ahead[0]), behind[0]))
         attitudes = multiply(ahead[0], quaternion_from_rotation_vector(share * turn))
@@ -157,7 +159,7 @@ def _in_order(block: np.ndarray, last: np.ndarray) -> np.ndarray:
     return np.concatenate([rows.reshape(-1, *block.shape[2:]), last])
 
 
-def _propagated(
+def _propagate_motions(
     J: Float[np.ndarray, "3 3"], q: np.ndarray, w: np.ndarray, dt: np.ndarray, steps: int
 ) -> tuple[Float[np.ndarray, "s n 4"], Float[np.ndarray, "s n 3"]]:
     """Torque-free attitudes and rates of many motions after 0 to ``steps`` steps of their own length dt, s.

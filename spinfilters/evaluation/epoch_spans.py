@@ -13,9 +13,12 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.stated_errors import stated_errors
 from spinfilters.evaluation.trajectory_errors import RmsErrors, TruthErrors
 from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.timeline import Timeline, by_sensor, times_of
 
 ALWAYS: Final = -np.inf
 """Begin of a span that leaves nothing out, s."""
+NO_SENSOR: Final = "none"
+"""Name of the epochs in which nothing was measured."""
 IDENTICAL = "Estimators on identical measurements"
 NOT_IDENTICAL = "Estimators on the same recording, each on the observations that it used"
 
@@ -65,6 +68,49 @@ def observation_use(history: EstimateHistory, begin: float, end: float = np.inf)
         return None
     available = None if history.observations is None else history.observations[rows]
     return ObservationUse(history.accepted[rows], history.rejected[rows], available)
+
+
+def use_by_sensor(history: EstimateHistory, timeline: Timeline) -> dict[str, dict[str, int]]:
+    """Measurements used and rejected in an estimator's own epochs, by sensor.
+
+    An estimator counts them by epoch. Where several sensors measured in one epoch and only some of it was used, the epoch counts
+    under all of their names, as "gyro, pose".
+
+    Parameters
+    ----------
+    history : EstimateHistory
+        Of the estimator.
+    timeline : Timeline
+        Of the recording, with its epochs among others.
+
+    Returns
+    -------
+    dict[str, dict[str, int]]
+        By name of the sensor or sensors, "accepted" and "rejected".
+    """
+    parts, time = by_sensor(timeline), times_of(timeline)
+    names = list(dict.fromkeys(part.measurement.model.name for part in parts))
+    came = np.zeros((len(time), len(names)), dtype=int)  # values by epoch and sensor
+    for part in parts:
+        came[:, names.index(part.measurement.model.name)] += np.bincount(part.epoch, minlength=len(time))
+    places = np.minimum(np.searchsorted(time, history.time[history.own]), len(time) - 1)
+    found: dict[str, dict[str, int]] = {name: {"accepted": 0, "rejected": 0} for name in names}
+    for place, accepted, rejected in zip(
+        places, history.accepted[history.own], history.rejected[history.own], strict=True
+    ):
+        counts = {name: int(count) for name, count in zip(names, came[place], strict=True) if count}
+        whole = {"accepted": int(accepted), "rejected": int(rejected)}
+        key = next(
+            (name for name in whole if whole[name] == sum(counts.values()) == accepted + rejected), None
+        )
+        if len(counts) == 1 or key is None:
+            each = found.setdefault(", ".join(counts) or NO_SENSOR, {"accepted": 0, "rejected": 0})
+            for name, count in whole.items():
+                each[name] += count
+        else:  # all of the epoch, of several sensors, was used or rejected
+            for sensor, count in counts.items():
+                found[sensor][key] += count
+    return found
 
 
 @dataclass(frozen=True)
@@ -163,18 +209,40 @@ def title_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
     return [IDENTICAL if on_identical_measurements(evaluations) else NOT_IDENTICAL]
 
 
+FAR_ORIGIN: Final = 1e4
+"""Time of the first epoch, s, from which a clock counts from something else than the recording, such as 1970."""
+
+
+def clock_text(time: float) -> str:
+    """Digits of a time, s, of any clock: milliseconds where its origin is far."""
+    return f"{time:.6g}" if abs(time) < FAR_ORIGIN else f"{time:.3f}"
+
+
+def time_text(time: float, first: float) -> str:
+    """A time, s, of a clock that shows ``first`` at the first epoch.
+
+    As it is, or after that epoch where the clock's origin is far.
+    """
+    if abs(first) < FAR_ORIGIN:
+        return f"t = {time:.6g} s"
+    return f"{time - first:.6g} s after the first epoch, t = {clock_text(first)} s"
+
+
 def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
     """Sentence on the epochs of the errors; none without an initialisation."""
     history = max((e.history for e in evaluations), key=lambda history: history.initialisation)
     begin, count = shared_begin(evaluations), history.initialisation
     if not count or begin == ALWAYS:
         return []
+    since = time_text(begin, float(history.time[0]))
     own = {e.name: int(np.count_nonzero(e.history.time[e.history.own] >= begin)) for e in evaluations}
     if len(set(own.values())) == 1:
-        epochs = f"the {next(iter(own.values()))} epochs from t = {begin:.6g} s on, which every estimator computed itself"
+        epochs = (
+            f"the {next(iter(own.values()))} epochs from {since} on, which every estimator computed itself"
+        )
     else:
         each = ", ".join(f"{name.upper()} {number}" for name, number in own.items())
-        epochs = f"every estimator's own epochs from t = {begin:.6g} s on ({each})"
+        epochs = f"every estimator's own epochs from {since} on ({each})"
     if count == 1:  # smoothed ones are more
         return [f"Errors, NEES, NIS and counts: over {epochs}. The epoch before is the stated belief."]
     return [

@@ -382,7 +382,7 @@ def evaluate(
             f"{history.name} left no epoch to evaluate: {'; '.join(history.status.reasons) or 'no reason'}"
         )
     with np.errstate(all="ignore"):  # the result is checked, and reported in the status
-        evaluation, trajectory = _described(_with_status(history))
+        evaluation, trajectory = _describe_estimate(_with_status(history))
         if truth is None:
             return evaluation
         if alignment is Alignment.FIRST_FRAME and not history.layout.translates:
@@ -390,9 +390,9 @@ def evaluate(
         elif alignment is Alignment.FIRST_FRAME and not tells_first_frame(history, truth):
             alignment = Alignment.BODY_FRAME
         try:
-            return _compared(evaluation, trajectory, truth, alignment)
+            return _compare_with_truth(evaluation, trajectory, truth, alignment)
         except NUMERICAL_ERRORS as error:
-            return _failed(evaluation, f"its errors could not be computed ({reason(numerical(error))})")
+            return _mark_failed(evaluation, f"its errors could not be computed ({reason(numerical(error))})")
         except InputError:
             if evaluation.history.has_failed:
                 return evaluation
@@ -408,7 +408,7 @@ def _with_status(history: EstimateHistory) -> EstimateHistory:
     return replace(history, status=history.status.failed(why))
 
 
-def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
+def _describe_estimate(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
     """Evaluation without a truth, and the trajectory.
 
     A history whose numbers cannot be evaluated keeps nothing but its epochs.
@@ -418,7 +418,7 @@ def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
         _ = evaluation.body
         finite = trajectory.is_finite.all() or history.has_failed
         if not finite:
-            evaluation = _failed(evaluation, "the motion that follows from the estimate is not finite")
+            evaluation = _mark_failed(evaluation, "the motion that follows from the estimate is not finite")
         return evaluation, trajectory
     except NUMERICAL_ERRORS as error:
         status = history.status.failed(f"the estimate could not be evaluated ({reason(numerical(error))})")
@@ -427,11 +427,11 @@ def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
         return Evaluation(lost), trajectory_of(lost)
 
 
-def _failed(evaluation: Evaluation, why: str) -> Evaluation:
+def _mark_failed(evaluation: Evaluation, why: str) -> Evaluation:
     return evaluation.with_status(evaluation.history.status.failed(why))
 
 
-def _compared(
+def _compare_with_truth(
     evaluation: Evaluation, trajectory: Trajectory, truth: Truth, alignment: Alignment
 ) -> Evaluation:
     history = evaluation.history

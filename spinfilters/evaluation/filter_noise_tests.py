@@ -205,7 +205,7 @@ class EpochTester:
         entered = noise @ noise.T
         if source in self._known:
             entered += transition @ self._known[source] @ transition.T
-        D = _within(update.factor, entered)
+        D = _in_factor(update.factor, entered)
         evidence = motion_evidence(D, update.left, update.y)
         shrunk = update.reset @ update.factor @ update.left
         self._known[source] = shrunk @ D @ shrunk.T
@@ -273,7 +273,7 @@ def _mean_trace(one: Float[np.ndarray, "n n"], other: Float[np.ndarray, "n n"]) 
     return float(np.sqrt(max(np.trace(one), 0.0) * max(np.trace(other), 0.0)))
 
 
-def _within(
+def _in_factor(
     factor: Float[np.ndarray, "n n"], covariance: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "n n"]:
     """F^-1 C F^-T."""

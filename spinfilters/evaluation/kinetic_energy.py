@@ -25,15 +25,19 @@ class EnergyCourse:
     def change(self, begin: float, end: float) -> tuple[float, float]:
         """Relative change between two times (s) and its deviation: of a straight line through the logarithms within.
 
-        Rows weigh by their deviations, and their errors are taken as independent.
+        Rows weigh by their deviations, and their errors are taken as independent. Rows whose deviation is
+        below rounding have no meaningful weight and are left out. LinAlgError: fewer than two times.
         """
         inside = (self.time >= begin) & (self.time <= end) & (self.energy > 0)
+        inside &= self.std > np.finfo(float).eps * self.energy
+        if len(np.unique(self.time[inside])) < 2:
+            raise np.linalg.LinAlgError("fewer than two times")
         weight = self.energy[inside] / self.std[inside]
         rows = np.stack([np.ones(len(weight)), self.time[inside] - begin], axis=1) * weight[:, None]
-        normal = rows.T @ rows
-        slope = np.linalg.solve(normal, rows.T @ (weight * np.log(self.energy[inside])))[1]
+        Q, R = np.linalg.qr(rows)  # of log E = a + b t: b = (Q' y)_2 / R_22, its deviation 1 / |R_22|
+        slope = (Q.T @ (weight * np.log(self.energy[inside])))[1] / R[1, 1]
         ratio = float(np.exp(slope * (end - begin)))
-        std = float(np.sqrt(np.linalg.inv(normal)[1, 1])) * (end - begin) * ratio
+        std = (end - begin) * ratio / float(abs(R[1, 1]))
         return ratio - 1.0, std
 
 

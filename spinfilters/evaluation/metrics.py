@@ -327,16 +327,20 @@ def _constant_metrics(block: StateBlock, reported: ReportedConstant) -> tuple[Me
 
 
 def _motion_metrics(name: str, field: str, unit: str, scale: float) -> tuple[Metric, ...]:
-    """Error of something that moves: root mean square over epochs with its bound, and length at the last one."""
+    """Error of something that moves: root mean square over epochs with its bound, and length at the last one.
+
+    The length of a rate's error depends on the axes: those of i, as in `truth.csv`, hold the attitude's error too.
+    """
 
     def last(span: EpochSpan) -> Any:
         """Length of the last error."""
         error = None if span.errors is None else getattr(span.errors, name)
         return None if error is None else np.linalg.norm(error[-1])
 
+    label = f"{name} error in i" if name == "rate" else f"{name} error"
     # fmt: off
     return (
-        Metric(f"errors.rms_{field}", f"{name} error", unit, lambda s: getattr(s.rms, name, None), scale,
+        Metric(f"errors.rms_{field}", label, unit, lambda s: getattr(s.rms, name, None), scale,
                bound=lambda s: getattr(s.bound, name, None), section=MOTION, column=f"error_{field}", of_epochs=True),
         Metric(f"errors.last_{field}", "", unit, last, scale, section=MOTION),
     )

@@ -140,7 +140,7 @@ def errors_ahead(predicted: EstimateHistory, evaluation: Evaluation) -> Predicti
         return None
     trajectory, now = trajectory_of(predicted), float(predicted.time[0])
     try:
-        errors = _behind(truth_errors(trajectory, truth), now)
+        errors = _errors_after(truth_errors(trajectory, truth), now)
     except InputError:  # no stamp in common
         return None
     if errors is None:
@@ -190,22 +190,28 @@ def errors_against_reference(
         return None
     R, courses = matrix_from_quaternion(motion.at(found.time).q_ig), {}
     if found.place is not None and found.place_std is not None:
-        courses["position"] = ErrorCourse(-found.place @ fit.frame, _turned(found.place_std, fit.frame.T))
+        courses["position"] = ErrorCourse(
+            -found.place @ fit.frame, _rotate_deviations(found.place_std, fit.frame.T)
+        )
     if reference.attitude is not None:
-        courses["attitude"] = ErrorCourse(found.rotation @ fit.axes.T, _turned(found.rotation_std, fit.axes))
+        courses["attitude"] = ErrorCourse(
+            found.rotation @ fit.axes.T, _rotate_deviations(found.rotation_std, fit.axes)
+        )
     else:
         R_im = R @ fit.axes
         stated = at_times(found.time, predicted.time, trajectory_of(predicted).std_rate)
         courses["rate"] = ErrorCourse(
             -np.einsum("kij,kj->ki", R_im, found.rotation),
-            np.hypot(_turned(found.rotation_std, R_im), stated),
+            np.hypot(_rotate_deviations(found.rotation_std, R_im), stated),
         )
     why = "a reference does not give every block of the state"
     judge = PurePath(reference.name).name
     return PredictionErrors(judge, found.time - float(predicted.time[0]), courses, None, 0, why)
 
 
-def _turned(std: Float[np.ndarray, "k 3"], R: Float[np.ndarray, "*k 3 3"]) -> Float[np.ndarray, "k 3"]:
+def _rotate_deviations(
+    std: Float[np.ndarray, "k 3"], R: Float[np.ndarray, "*k 3 3"]
+) -> Float[np.ndarray, "k 3"]:
     """Deviations along other axes, R b of those along the axes of b, whose errors count as independent."""
     return np.sqrt(np.einsum("...ij,...j->...i", R**2, std**2))
 
@@ -220,7 +226,7 @@ def truth_in_frames_of(evaluation: Evaluation) -> Truth | None:
     return truth_in_moved_frame(truth, errors.frame, np.zeros(3))
 
 
-def _behind(errors: TruthErrors, now: float) -> TruthErrors | None:
+def _errors_after(errors: TruthErrors, now: float) -> TruthErrors | None:
     """Errors after the last measurement."""
     later = errors.time[errors.time > now]
     return errors.within(float(later[0]), np.inf) if later.size else None

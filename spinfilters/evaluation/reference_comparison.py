@@ -289,7 +289,7 @@ def compare_with_reference(history: EstimateHistory, reference: ReferenceMotion)
     """
     motion = ContinuousMotion(history)
     fit, reference = fit_reference(motion, reference)
-    inside = _inside(motion, reference.time - fit.clock_offset)
+    inside = _is_within_motion(motion, reference.time - fit.clock_offset)
     if np.count_nonzero(inside) < FEWEST_COMMON:
         raise InputError(
             f"{reference.name}: {np.count_nonzero(inside)} of its rows lie within the estimate of {history.name}; record longer"
@@ -334,7 +334,7 @@ def compare_with_reference(history: EstimateHistory, reference: ReferenceMotion)
     )
 
 
-def _inside(motion: ContinuousMotion, time: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def _is_within_motion(motion: ContinuousMotion, time: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     begin, end = motion.span
     return (time >= begin) & (time <= end)
 
@@ -359,7 +359,7 @@ def _rates(
 ) -> tuple[Course, Course, float]:
     time, rate = reference_rates(reference, _span(reference, fit.noise[0], motion.rate_std, motion))
     time = time - fit.clock_offset
-    inside = _inside(motion, time)
+    inside = _is_within_motion(motion, time)
     time, rate = time[inside], rate[inside]
     own = motion.at(time)
     before, after = (Course(time, own.rate @ axes, rate) for axes in (uncorrected, fit.axes))
@@ -387,7 +387,7 @@ def _places(
     if reference.position is None or fit.origin is None:
         return None, None
     time = reference.time - fit.clock_offset
-    inside = _inside(motion, time)
+    inside = _is_within_motion(motion, time)
     position = Course(
         time[inside],
         _origin(motion, fit, time[inside])[0],
@@ -402,7 +402,7 @@ def _places(
         held = dt <= 1.5 * stride * reference.step
         velocity = ((reference.position[stride:] - reference.position[:-stride]) / dt[:, None])[held]
         time = (reference.time[stride:] + reference.time[:-stride])[held] / 2 - fit.clock_offset
-        inside = _inside(motion, time)
+        inside = _is_within_motion(motion, time)
     course = Course(time[inside], _origin(motion, fit, time[inside])[1], velocity[inside] @ fit.frame)
     return position, course
 

@@ -11,7 +11,7 @@ The fit is the generalised least-squares one. An estimate that defines g by the 
 follows from the first epochs as in Eq. 6.12 of Tweddle (2013), and hides no error.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 from typing import Final
@@ -32,7 +32,7 @@ from spinfilters.core.attitude_conversions import (
 )
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.continuous_motion import ContinuousMotion
-from spinfilters.io.reference_motion import ReferenceMotion
+from spinfilters.io.reference_motion import FEWEST_ROWS, ReferenceMotion
 
 MOST_ROWS: Final = 1500
 """Of a reference that the fit looks at, evenly."""
@@ -40,8 +40,12 @@ FIRST_ROWS: Final = 250
 """Of it that choose among the first offsets."""
 LEAST_OVERLAP: Final = 0.6
 """Of the shorter recording, that an offset of the clocks must leave."""
-RATE_SPAN: Final = 0.1
-"""s over which rates are differenced to find the first offset."""
+DIFFERENCED: Final = 0.5
+"""Rotation, rad, over which attitudes are differenced to find the first offset."""
+LEAST_RATE: Final = 1e-3
+"""Rad/s, of a motion that turns."""
+RATE_ANGLE: Final = 0.2
+"""Rotation, rad, between two offsets of which the first one is chosen."""
 CANDIDATES: Final = 4
 """Offsets from which the fit starts, besides zero."""
 ITERATIONS: Final = 40
@@ -53,8 +57,8 @@ JUMP: Final = 20.0
 """Deviations by which a row stands out that the instrument has lost."""
 UNDETERMINED: Final = 1e-9
 """Eigenvalue of the scaled normal matrix, below which a combination is not determined."""
-SAME_COST: Final = 1.1
-"""Ratio of costs of fits that are equally good; then the smaller offset is taken."""
+UNDECIDED: Final = 4.6
+"""Nats of log likelihood, a probability ratio of 100, up to which two offsets fit alike; then the smaller one is taken."""
 WRONG_FORM: Final = np.deg2rad(5.0)
 """Attitude residual, rad, from which on other forms of the quaternion are tried."""
 
@@ -129,12 +133,12 @@ def fit_reference(
         The recordings have no stretch in common, whatever the offset.
     """
     reference = _without_jumps(reference)
-    found = _fitted(motion, reference)
+    found = _fit_reference(motion, reference)
     if reference.attitude is None or found.residual[0] < WRONG_FORM:
         return found, reference
     best, chosen = found, reference
     for form, other in _other_forms(reference):
-        tried = _fitted(motion, other)
+        tried = _fit_reference(motion, other)
         if tried.residual[0] < 0.25 * best.residual[0]:
             best, chosen = replace(tried, form=form), other
     return best, chosen
@@ -258,29 +262,46 @@ def quaternion_pairs(q: Float[np.ndarray, "n 4"], stride: int) -> Float[np.ndarr
     return rotation_vector_from_matrix(turn)
 
 
-def _fitted(motion: ContinuousMotion, reference: ReferenceMotion) -> ReferenceFit:
-    few = _thinned(reference, FIRST_ROWS)
-    found = [_solved_from(motion, few, start) for start in _starts(motion, reference)]
+def _fit_reference(motion: ContinuousMotion, reference: ReferenceMotion) -> ReferenceFit:
+    found = [
+        _solved_from(motion, _rows_within(motion, reference, start, FIRST_ROWS), start)
+        for start in _starts(motion, reference)
+    ]
     if not found:
         begin, end = motion.span
         raise InputError(
             f"{reference.name}: from {reference.time[0]:.6g} s to {reference.time[-1]:.6g} s it has no stretch in common with the "
             f"estimate from {begin:.6g} s to {end:.6g} s; give a recording of the same motion"
         )
-    least = min(problem.cost for problem in found)
-    good = [problem for problem in found if problem.cost <= SAME_COST * least]
-    chosen = min(good, key=lambda problem: abs(problem.offset))
+    chosen = _likeliest(found)
+    rows = _rows_within(motion, reference, chosen.offset, MOST_ROWS)
+    return chosen.on(rows).with_own_noise().solved().with_own_noise().solved().result()
+
+
+def _likeliest(found: Sequence["_Problem"]) -> "_Problem":
+    """The likeliest of several fits with the noise that the best of them leaves; of those that fit alike the smallest offset."""
+    best = min(found, key=lambda problem: problem.cost).with_own_noise().solved()
+    again = [best, *(problem.with_noise_of(best).solved() for problem in found)]
+    least = min(problem.cost for problem in again)
+    # the cost is a mean square of whitened numbers, as many in the best fit as count, and one where all is noise
+    nats = 0.5 * max(best.numbers, 1) / max(least, 1.0)
+    alike = [problem for problem in again if problem.cost <= least + UNDECIDED / nats]
+    smallest = min(alike, key=lambda problem: abs(problem.offset))
     # two that stopped in one valley are the same fit: the cost decides between them, whatever the origin of the stamps
-    valley = [problem for problem in good if abs(problem.offset - chosen.offset) < chosen.turn_time]
-    chosen = min(valley, key=lambda problem: problem.cost)
-    return (
-        chosen.on(_thinned(reference, MOST_ROWS)).with_own_noise().solved().with_own_noise().solved().result()
-    )
+    valley = [problem for problem in alike if abs(problem.offset - smallest.offset) < smallest.turn_time]
+    return min(valley, key=lambda problem: problem.cost)
 
 
-def _thinned(reference: ReferenceMotion, most: int) -> ReferenceMotion:
-    """Every k-th row."""
-    return _rows_of(reference, np.arange(0, len(reference.time), -(-len(reference.time) // most)))
+def _rows_within(
+    motion: ContinuousMotion, reference: ReferenceMotion, offset: float, most: int
+) -> ReferenceMotion:
+    """Every k-th row of the stretch that an offset, which may yet be a radian off, puts within the estimate."""
+    begin, end = motion.span
+    margin = max(1.0 / max(motion.typical_rate, 1e-6), reference.step)
+    own = reference.time - offset
+    rows = np.flatnonzero((own >= begin - margin) & (own <= end + margin))
+    rows = rows if len(rows) >= FEWEST_ROWS else np.arange(len(own))
+    return _rows_of(reference, rows[:: max(1, -(-len(rows) // most))])
 
 
 def _without_jumps(reference: ReferenceMotion) -> ReferenceMotion:
@@ -306,33 +327,55 @@ def _rows_of(reference: ReferenceMotion, rows: Int[np.ndarray, " k"]) -> Referen
 
 def _starts(motion: ContinuousMotion, reference: ReferenceMotion) -> list[float]:
     """Offsets at which the rates, turned into the estimate's axes, agree best; and zero if the clocks overlap so."""
-    time, rate = reference_rates(reference, RATE_SPAN)
+    turning = max(motion.typical_rate, LEAST_RATE)
+    time, rate = reference_rates(reference, DIFFERENCED / turning)
     begin, end = motion.span
-    rows = np.linspace(0, len(time) - 1, min(len(time), 600)).astype(int)
-    time, rate = time[rows], rate[rows]
     need = LEAST_OVERLAP * min(end - begin, float(time[-1] - time[0]))
     low, high = float(time[0]) + need - end, float(time[-1]) - need - begin
     if not high >= low:
         return []
-    step = max(0.2 / max(motion.typical_rate, 1e-3), (high - low) / 1500)
-    step = min(step, max((high - low) / 20, 1e-9))
-    grid = np.arange(low, high + step, step)
-    cost = np.array([_rate_cost(motion, time, rate, float(offset)) for offset in grid])
-    inner = np.r_[True, cost[1:] <= cost[:-1]] & np.r_[cost[:-1] <= cost[1:], True] & np.isfinite(cost)
+    step = min(RATE_ANGLE / turning, max((high - low) / 20, 1e-9))
+    grid, cost = _rate_costs(motion, time, rate, step)
+    inner = np.r_[True, cost[1:] <= cost[:-1]] & np.r_[cost[:-1] <= cost[1:], True]
+    inner &= np.isfinite(cost) & (grid >= low - step) & (grid <= high + step)
     order = sorted(np.flatnonzero(inner), key=lambda k: cost[k])[:CANDIDATES]
     zero = [0.0] if low <= 0.0 <= high else []
     return [*zero, *(float(grid[k]) for k in order)]
 
 
-def _rate_cost(motion: ContinuousMotion, time: np.ndarray, rate: np.ndarray, offset: float) -> float:
-    """Mean square of rates that the best rotation leaves, (rad/s)^2."""
+def _rate_costs(
+    motion: ContinuousMotion, time: Float[np.ndarray, " k"], rate: Float[np.ndarray, "k 3"], step: float
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Offsets at a step, s, and the mean square of the rates that the best rotation leaves at each, (rad/s)^2.
+
+    With C(d) the sum of w_g(t) w_m(t + d)' over the rows that overlap, it is (sum |w_m|^2 + sum |w_g|^2 - 2 max tr(Y' C)) / rows:
+    correlations, which the Fourier transform gives for all offsets at once.
+    """
     begin, end = motion.span
-    inside = (time - offset >= begin) & (time - offset <= end)
-    if np.count_nonzero(inside) < 3:
-        return np.inf
-    own = motion.at(time[inside] - offset).rate
-    Y = nearest_rotation(own.T @ rate[inside])
-    return float(np.mean(np.sum((rate[inside] - own @ Y) ** 2, axis=1)))
+    own = motion.at(np.arange(begin, end, step)).rate
+    # means of the reference over a step each; steps without a row, in gaps, count for nothing
+    bins = np.rint((time - time[0]) / step).astype(int)
+    rows = np.bincount(bins)
+    seen = (rows > 0).astype(float)
+    theirs = np.column_stack([np.bincount(bins, rate[:, k]) for k in range(3)]) / np.maximum(rows, 1)[:, None]
+    # lag m pairs own sample k with step k + m of the reference; negative lags stand at the end of the transform
+    size = 1 << (len(own) + len(theirs) - 1).bit_length()
+    lags = np.arange(-len(own) + 1, len(theirs))
+
+    def correlation(a: Float[np.ndarray, "p i"], b: Float[np.ndarray, "q j"]) -> Float[np.ndarray, "n i j"]:
+        """Sums over k of a_k b_k+m' for every lag m."""
+        A, B = np.fft.rfft(a, size, axis=0), np.fft.rfft(b, size, axis=0)
+        return np.fft.irfft(np.conj(A)[:, :, None] * B[:, None, :], size, axis=0)[lags]
+
+    present = np.ones((len(own), 1))
+    count = np.rint(correlation(present, seen[:, None])[:, 0, 0])
+    square = correlation(present, np.sum(theirs**2, axis=1)[:, None])
+    square = square + correlation(np.sum(own**2, axis=1)[:, None], seen[:, None])
+    C = correlation(own, theirs)
+    singular = np.linalg.svd(C, compute_uv=False)
+    most = singular[:, 0] + singular[:, 1] + np.sign(np.linalg.det(C)) * singular[:, 2]  # of rotations alone
+    cost = np.where(count < 3, np.inf, (square[:, 0, 0] - 2 * most) / np.maximum(count, 1))
+    return float(time[0]) - begin + lags * step, cost
 
 
 class _Problem:
@@ -379,7 +422,7 @@ class _Problem:
             self.Y = nearest_rotation(own.rate.T @ reference.rate[rows])
             return
         assert reference.attitude is not None
-        time, rate = reference_rates(reference, RATE_SPAN)
+        time, rate = reference_rates(reference, DIFFERENCED / max(self.motion.typical_rate, LEAST_RATE))
         begin, end = self.motion.span
         held = (time - self.offset >= begin) & (time - self.offset <= end)
         if held.any():
@@ -446,6 +489,17 @@ class _Problem:
         if reference is self.reference:
             other.inside = self.inside
         return other
+
+    @property
+    def numbers(self) -> int:
+        """Numbers that the reference gives in common with the estimate."""
+        return 3 * (1 + self.places) * int(np.count_nonzero(self.inside))
+
+    def with_noise_of(self, other: "_Problem") -> "_Problem":
+        """The same point with the noise of another."""
+        same = self.on(self.reference)
+        same.noise, same.alike = other.noise, other.alike
+        return same
 
     def moved(self, step: Float[np.ndarray, " p"]) -> "_Problem":
         """The problem at a step away."""

@@ -16,7 +16,7 @@ MISSIONS: Final = {"SPHERES": SPHERES, "Orbital Express": ORBITAL_EXPRESS}
 AXES: Final = ("minor", "intermediate", "major")
 WIDTH: Final = 3.0
 """Standard deviations from a limit, within which the regime is open."""
-WORDS: Final = {SpinRegime.TUMBLING: "tumbles", SpinRegime.SPINNING: "spins", None: "is at the limit"}
+WORDS: Final = {SpinRegime.TUMBLING: "a tumble", SpinRegime.SPINNING: "a spin", None: "at the limit"}
 
 
 @dataclass(frozen=True)
@@ -31,25 +31,28 @@ class SpinVerdict:
         Principal axis that most of the rate is about at the last epoch: minor, intermediate or major.
     regimes : mapping of str to SpinRegime or None
         By mission; None within three deviations of its limit.
+    is_seen : bool
+        Whether something measures where the body is, as an inspector does.
     """
 
     rate: float
     std: float
     axis: str
     regimes: Mapping[str, SpinRegime | None]
+    is_seen: bool = True
 
     @property
     def sentence(self) -> str:
-        """Rate, axis and regimes in words."""
+        """Rate and axis in words, and the regimes of a body that is seen from outside."""
+        motion = f"{self.rate / RPM:.3g} +- {self.std / RPM:.2g} rpm, mostly about the {self.axis} axis"
+        if not self.is_seen:
+            return motion
         limits = {name: spin_threshold(mission).overall / RPM for name, mission in MISSIONS.items()}
         told = ", ".join(
-            f"{WORDS[self.regimes[name]]} for {name} (limit {limit:.3g} rpm)"
+            f"{WORDS[self.regimes[name]]} for one like {name} (limit {limit:.3g} rpm)"
             for name, limit in limits.items()
         )
-        return (
-            f"at {self.rate / RPM:.3g} +- {self.std / RPM:.2g} rpm, mostly about the {self.axis} axis, the target {told}; "
-            "spinfilters threshold has other missions"
-        )
+        return f"{motion}; to an inspector that wants to follow it: {told}; spinfilters threshold has other missions"
 
     @property
     def document(self) -> dict[str, Any]:
@@ -91,4 +94,5 @@ def spin_verdict(evaluation: Evaluation) -> SpinVerdict | None:
     for name, mission in MISSIONS.items():
         limit = spin_threshold(mission)
         regimes[name] = None if abs(rate - limit.overall) < WIDTH * std else limit.regime(rate)
-    return SpinVerdict(rate, std, AXES[int(np.argmax(np.abs(axes @ direction)))], regimes)
+    axis = AXES[int(np.argmax(np.abs(axes @ direction)))]
+    return SpinVerdict(rate, std, axis, regimes, history.layout.translates)

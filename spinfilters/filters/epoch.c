@@ -479,7 +479,7 @@ static void eigenvectors(double* A, double* d, double* V) {
       double g = (d[l + 1] - d[l]) / (2 * e[l]), r = sqrt(g * g + 1), s = 1, c = 1, p = 0;
       g = d[m] - d[l] + e[l] / (g > 0 ? g + r : g - r);
       int i = m - 1;
-      /* one sweep from m up to l by Givens rotations; it ends early where an element becomes zero */
+      /* one sweep from m back to l by Givens rotations; it ends early where an element becomes zero */
       for (; i >= l; --i) {
         const double f = s * e[i], b = c * e[i];
         e[i + 1] = r = sqrt(f * f + g * g);

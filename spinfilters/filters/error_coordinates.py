@@ -80,7 +80,7 @@ def _inertial(x: Point, d: Point) -> Point:
     return {"q": product(quaternion_from_rotation_vector(d["a"]), x["q"])}
 
 
-def _coupled(x: Point, d: Point) -> Point:
+def _couple_coordinates(x: Point, d: Point) -> Point:
     moved, J = _rotation_vector(x, d), left_jacobian(d["a"])
     for name in ("t", "v"):
         if name in x:
@@ -103,7 +103,7 @@ _MOVED: Final[dict[str, Moved]] = {
     "mrp": lambda x, d: {},
     "rotation-vector": _rotation_vector,
     "inertial": _inertial,
-    "coupled": _coupled,
+    "coupled": _couple_coordinates,
     "coupled-inertial": _coupled_inertial,
 }
 """By name; blocks that a function does not return move by their own charts."""
@@ -138,11 +138,11 @@ class ErrorCoordinates:
 
     def retract(self, x: Float[np.ndarray, " m"], d: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
         """The point phi(x, d), its quaternion normalised."""
-        return self._folded(x, d)[0]
+        return self._compile_folded(x, d)[0]
 
     def by_error(self, x: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n n"]:
         """A(x): derivative of the layout's error about x by these coordinates, at d = 0."""
-        return self._folded(x, np.zeros(self.layout.error_dim))[1]
+        return self._compile_folded(x, np.zeros(self.layout.error_dim))[1]
 
     def fold(
         self, x: Float[np.ndarray, " m"], error: Float[np.ndarray, " n"], factor: Float[np.ndarray, "n n"]
@@ -160,11 +160,11 @@ class ErrorCoordinates:
             The point phi(x, d), d = A^-1 error, and the factor B(x, d) A^-1 factor of the layout's error about it.
         """
         solved = np.linalg.solve(self.by_error(x), np.column_stack([error, factor]))
-        point, B = self._folded(x, solved[:, 0])
+        point, B = self._compile_folded(x, solved[:, 0])
         return point, B @ solved[:, 1:]
 
     @built_property
-    def _folded(self) -> Compiled:
+    def _compile_folded(self) -> Compiled:
         """(x, d) -> phi(x, d), and the derivative of the layout's error about it by d."""
         return _folded_function(self.layout, self.name)
 

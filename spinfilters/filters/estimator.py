@@ -248,7 +248,7 @@ class Estimator(ABC):
     ) -> RunsTaken | None:
         """Take many runs of the same epochs in, each from a belief of its own, to the numbers of a run by itself.
 
-        The estimator itself stays as it was started.
+        The estimator itself stays as it was started: its own belief is neither read nor replaced.
 
         Parameters
         ----------

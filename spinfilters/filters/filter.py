@@ -421,7 +421,7 @@ class MultiplicativeFilter(Estimator):
             self.factor = factor
         return self._held
 
-    def _anchored(self, dim: int, rows: Int[np.ndarray, " k"]) -> HeldMap:
+    def _anchor_map(self, dim: int, rows: Int[np.ndarray, " k"]) -> HeldMap:
         """The map, anchored at the present pose where too few of its landmarks are seen to fix a pose, but enough new ones."""
         held, known = self._with_map(), int(np.count_nonzero(rows >= 0))
         if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(rows) - known) < GAUGE_DIM:
@@ -439,7 +439,7 @@ class MultiplicativeFilter(Estimator):
     ) -> UpdateReport:
         """Correct state, modes and landmarks by observations of those in the map, and add new ones."""
         rows = self._with_map().landmarks.locate(ids)
-        held = self._anchored(measurement.model.dim, rows)
+        held = self._anchor_map(measurement.model.dim, rows)
         observations = held.observations(self.layout, measurement, rows, scale)
         solved = self.correct_by_landmarks(observations, outliers)
         correction = solved.correction

@@ -45,7 +45,7 @@ class EstimateHistory:
     log_likelihood : ndarray of float, shape (n,)
         Log likelihood of each epoch's measurements given everything before.
     accepted, rejected : ndarray of int, shape (n,)
-        Measurements used and left out.
+        Measurements used and left out; by sensor: `spinfilters.evaluation.epoch_spans.use_by_sensor`.
     runtime : ndarray of float, shape (n,)
         Seconds per epoch, prediction and update.
     initialisation : int

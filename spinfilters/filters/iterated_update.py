@@ -100,13 +100,13 @@ def iterate(
     y = np.zeros(len(first.coordinates))
     value, solution = objective(y), first
     for _ in range(options.iterations - 1):
-        trial, after = _searched(objective, y, value, solution.coordinates)
+        trial, after = _search_line(objective, y, value, solution.coordinates)
         if not after < value:
             return y, solution
         y, value, solution = trial, after, solve(trial)
         if solution.length(solution.coordinates - y) <= options.tolerance:
             return solution.coordinates, solution
-    return _searched(objective, y, value, solution.coordinates)[0], solution
+    return _search_line(objective, y, value, solution.coordinates)[0], solution
 
 
 def agrees(
@@ -121,7 +121,7 @@ def agrees(
     return float(off @ off) <= options.tolerance**2
 
 
-def _searched(
+def _search_line(
     objective: Objective, y: Float[np.ndarray, " r"], value: float, target: Float[np.ndarray, " r"]
 ) -> tuple[Float[np.ndarray, " r"], float]:
     """Backtracking line search towards the target.
@@ -282,7 +282,7 @@ class IteratedObservations:
         """Whether the innovations at the first solution are what the linear model predicted."""
         rows, error = self.first.whitened.rows, self.first.correction.error
         found = self._linear(error)
-        residual = self._whitened(found)
+        residual = self._whiten_by_sensor(found)
         expected = rows[..., -1] - rows[..., :-1] @ error[self.observations.columns]
         valid = bool(found.valid[self.first.used].all())
         return valid and agrees(residual.reshape(-1), expected.reshape(-1), options)
@@ -291,7 +291,7 @@ class IteratedObservations:
         found = self._linear(self.factor @ y)
         if not found.valid[self.first.used].all():
             return np.inf
-        residual = self._whitened(found)
+        residual = self._whiten_by_sensor(found)
         return float(y @ y) + float(np.sum(residual * residual))
 
     def _solved_at(self, y: Float[np.ndarray, " N"]) -> SolvedObservations:
@@ -318,7 +318,7 @@ class IteratedObservations:
         points = o.points + o.modes @ error[n : n + o.modes.shape[2]]
         return o.rows_at(o.layout.retract(self.mean, error[:n]), points)
 
-    def _whitened(self, found: LinearisedObservations) -> Float[np.ndarray, "u d"]:
+    def _whiten_by_sensor(self, found: LinearisedObservations) -> Float[np.ndarray, "u d"]:
         """The used innovations, that were whitened by the sensor's noise alone."""
         o, used = self.observations, self.first.used
         rows = self._about_mean.rows[used]

@@ -277,7 +277,7 @@ class HeldMap:
             self._columns[sensor.name] = np.concatenate([sensor.columns, modes])
         return self._columns[sensor.name]
 
-    def _refused(
+    def _find_refused(
         self, o: MapObservations, solved: SolvedObservations
     ) -> tuple[Int[np.ndarray, " w"], Bool[np.ndarray, " k"]]:
         """Landmarks refused too often, and which observations are of none that stays."""
@@ -299,7 +299,7 @@ class HeldMap:
         o, held, correction = observations, self.landmarks, solved.correction
         at, n = o.at[solved.used], o.layout.error_dim
         used, weights = held.ids[at], o.scale * solved.weights
-        wrong, fresh = self._refused(o, solved)
+        wrong, fresh = self._find_refused(o, solved)
         reset = o.layout.reset_jacobian(correction.error[:n])
         new = self._newcomers(o, measurement, fresh, mean, reset)
         error, factor = correction.error[o.columns], correction.factor[o.columns]
@@ -343,7 +343,7 @@ class HeldMap:
         assert measurement.ids is not None
         rows, pose = np.flatnonzero(which), o.sensor.columns
         if not len(rows):
-            return _nobody(len(pose))
+            return _no_newcomers(len(pose))
         fresh = o.sensor.new_landmarks(mean, measurement.parameters[rows], measurement.values[rows])
         good = fresh.determined & np.isfinite(fresh.points).all(axis=1)
         if np.count_nonzero(good) < len(good):
@@ -367,5 +367,5 @@ class HeldMap:
 
 
 @cache
-def _nobody(columns: int) -> _Newcomers:
+def _no_newcomers(columns: int) -> _Newcomers:
     return _Newcomers(NO_IDS, np.zeros((0, 3)), np.zeros((0, 3, columns)), np.zeros((0, 3, 3)))

@@ -66,7 +66,11 @@ def solve_at(
     """Solve with first derivatives at a state, in one pass where all observations pass."""
     o = observations
     found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
-    return _weighed(o, o.rows_at(x), factor, guard) if found is None else _accepted(o, *found, guard)
+    return (
+        _weigh_observations(o, o.rows_at(x), factor, guard)
+        if found is None
+        else _accept_all(o, *found, guard)
+    )
 
 
 def solve(
@@ -80,10 +84,10 @@ def solve(
     if linear.valid.all():
         limit, log_noise = guard.limit(o.sensor.dim), float(linear.log_noise.sum())
         found = o.landmarks.steps.solved_rows(o, linear.rows, log_noise, factor, limit)
-    return _weighed(o, linear, factor, guard) if found is None else _accepted(o, *found, guard)
+    return _weigh_observations(o, linear, factor, guard) if found is None else _accept_all(o, *found, guard)
 
 
-def _accepted(
+def _accept_all(
     observations: MapObservations,
     correction: Correction,
     whitened: WhitenedLandmarks,
@@ -95,7 +99,7 @@ def _accepted(
     return SolvedObservations(correction, np.arange(k), np.full(k, 1 / observations.scale), whitened)
 
 
-def _weighed(
+def _weigh_observations(
     observations: MapObservations,
     linear: LinearisedObservations,
     factor: Float[np.ndarray, "N N"],
@@ -156,7 +160,7 @@ class Spread(PoseSpread):
         """Observations regressed on errors of the pose, the modes and the landmark."""
         s, shared = self.pose.shape[1], o.modes @ self.modes
         own = lower_roots(np.concatenate([o.modes @ self.late, o.roots], axis=2))
-        away, valid, log_noise = self._away(o, points, np.concatenate([shared, own], axis=2))
+        away, valid, log_noise = self._sight_points(o, points, np.concatenate([shared, own], axis=2))
         mean = away @ points.mean_weights
         slope, left = points.regressed(mean[..., None] - away)
         # In coordinates slope = [by_pose + by_landmark shared | by_landmark own]: solved for the landmark, then the pose.
@@ -170,7 +174,7 @@ class Spread(PoseSpread):
         log_noise = log_noise + np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
         return LinearisedObservations(rows, valid & np.isfinite(rows).all(axis=(1, 2)), log_noise)
 
-    def _away(
+    def _sight_points(
         self, o: MapObservations, points: SigmaPoints, moves: Float[np.ndarray, "k 3 q"]
     ) -> tuple[Float[np.ndarray, "k d p"], np.ndarray, Float[np.ndarray, " k"]]:
         """Whitened innovations at every point (0 where one is not valid), and log determinants of the noise at the centre."""

@@ -280,7 +280,7 @@ class OutOfSequenceUpdates:
             raise InputError(
                 f"a measurement of {measurement.model.name} has the time {time} s; give a finite one"
             )
-        result = self._receive(float(time), _copied(measurement))
+        result = self._receive(float(time), _copy_measurement(measurement))
         self._counts[result.outcome] += 1
         self._replayed += result.replayed
         return result
@@ -358,7 +358,7 @@ class OutOfSequenceUpdates:
             self._closed = self._track.oldest
 
 
-def _copied(measurement: Measurement) -> Measurement:
+def _copy_measurement(measurement: Measurement) -> Measurement:
     """Copy of a measurement with arrays of its own: on line, buffers are used again."""
     ids = None if measurement.ids is None else measurement.ids.copy()
     return Measurement(measurement.model, measurement.values.copy(), measurement.parameters.copy(), ids)

@@ -268,11 +268,11 @@ class SensorOutlierRejection:
             result = sparing_weights(innovation, deviations, self.options)
             refused = 0 if result is None else int(np.count_nonzero(result == 0))
         else:
-            result, refused = self._recovered(innovation, deviations)
+            result, refused = self._recover_weights(innovation, deviations)
         self.count(len(innovation), refused)
         return result
 
-    def _recovered(
+    def _recover_weights(
         self, innovation: Float[np.ndarray, "k d"], deviations: Deviations
     ) -> tuple[Float[np.ndarray, " k"], int]:
         """Cauchy weights about the median distance, and how many values the gate would refuse."""

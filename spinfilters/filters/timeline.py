@@ -108,7 +108,7 @@ def by_sensor(epochs: Timeline) -> list[SensorEpochs]:
             measurements, numbers = parts.setdefault((id(m.model), m.ids is None), ([], []))
             measurements.append(m)
             numbers.append(k)
-    return [_joined(*part) for part in parts.values()]
+    return [_join_measurements(*part) for part in parts.values()]
 
 
 @by_sensor.register
@@ -117,7 +117,7 @@ def _(epochs: LogTimeline) -> list[SensorEpochs]:
     return [found for part in epochs.sensors if len((found := SensorEpochs.of(part)).epoch)]
 
 
-def _joined(measurements: Sequence[Measurement], numbers: Sequence[int]) -> SensorEpochs:
+def _join_measurements(measurements: Sequence[Measurement], numbers: Sequence[int]) -> SensorEpochs:
     """One sensor's measurements, one epoch after the other."""
     first, counts = measurements[0], [len(m.values) for m in measurements]
     values, parameters = (

@@ -56,7 +56,7 @@ static integer gated(const Model* model, integer count, double* innovation, doub
   const double scale = sqrt(weight), logs = log(scale) * (double)dim;
   integer kept = 0;
   *log_noise = 0;
-  /* value i, times the root of its weight; its covariance is needed only where the innovation alone exceeds the limit */
+  /* value i, times the root of the weight; its covariance is needed only where the innovation alone exceeds the limit */
   for (integer i = 0; i < count; ++i) {
     double square = 0, *rho = innovation + i * dim, *rows = jacobian + i * dim * C;
     if (weight != 1) {

@@ -69,14 +69,14 @@ def long_enough_initialisation(
     ------
     What ``make`` raises of the shortest start.
     """
-    found = _checked(process, timeline, make, options)
+    found = _check_moments(process, timeline, make, options)
     while not _is_enough(found):
         longer = _longer(options, timeline)
         if longer.count(timeline) == options.count(timeline):
             break
         options = longer
         try:
-            found = _checked(process, timeline, make, options)
+            found = _check_moments(process, timeline, make, options)
         except NUMERICAL_ERRORS:  # more epochs lead nowhere; the fewer did
             break
     return found
@@ -105,7 +105,7 @@ def beyond_share(
     span = timeline[-1].time - timeline[0].time
     longer = replace(options, epochs=count, share=wider, duration=max(span, options.duration))
     try:
-        beyond = _checked(process, timeline, make, longer)
+        beyond = _check_moments(process, timeline, make, longer)
     except NUMERICAL_ERRORS:
         return None
     return beyond if _is_better(beyond, found) else None
@@ -152,7 +152,7 @@ def _longer(options: InitialisationOptions, timeline: Timeline) -> Initialisatio
     return replace(longer, duration=2 * options.duration)
 
 
-def _checked(
+def _check_moments(
     process: ProcessModel, timeline: Timeline, make: Make, options: InitialisationOptions
 ) -> InitialEstimate:
     """An initialisation with the check of doubtful moments.
@@ -239,7 +239,9 @@ class FirstEpochs:
             """The initialisation with these options."""
             count = options.count(self.timeline)
             if count not in made:  # of twice the epochs both a filter is judged and a longer start made
-                made[count] = self._again(options, before) or self._initialise_from_measurements(options)
+                made[count] = self._initialise_again(options, before) or self._initialise_from_measurements(
+                    options
+                )
             return made[count]
 
         try:
@@ -285,11 +287,13 @@ class FirstEpochs:
         options = replace(options, epochs=count, share=1.0, duration=duration)
         try:
             with np.errstate(all="ignore"):
-                return self._again(options, before) or self._initialise_from_measurements(options, likely)
+                return self._initialise_again(options, before) or self._initialise_from_measurements(
+                    options, likely
+                )
         except NUMERICAL_ERRORS as error:
             return InitialEstimate.failed(self.process.layout, count, reason(error))
 
-    def _again(
+    def _initialise_again(
         self, options: InitialisationOptions, before: InitialEstimate | None
     ) -> InitialEstimate | None:
         return None if before is None else initialised_again(self.process, self.timeline, before, options)
@@ -314,7 +318,7 @@ class FirstEpochs:
 
         With a fast gyro the first epochs would otherwise hold one or two of a camera.
         """
-        leading = max(self.dataset.log.streams, key=_shown).epoch_times
+        leading = max(self.dataset.log.streams, key=_measure_motion).epoch_times
         last = leading[min(LEADING_EPOCHS, len(leading)) - 1]
         count = int(np.searchsorted(times_of(self.timeline), last, "right"))
         return replace(options, epochs=max(options.epochs, count))
@@ -330,7 +334,7 @@ def initial_samples(
     InputError
         Streams that do not show a motion, or show rates alone where others refer to frame i.
     """
-    for stream in sorted(streams, key=_shown, reverse=True):
+    for stream in sorted(streams, key=_measure_motion, reverse=True):
         samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
         if samples is None:
             continue
@@ -347,7 +351,7 @@ def initial_samples(
     )
 
 
-def _shown(stream: MeasurementStream) -> tuple[bool, ...]:
+def _measure_motion(stream: MeasurementStream) -> tuple[bool, ...]:
     """Comparable measure of the motion that a stream shows."""
     sensor = sensor_of(stream.sensor)
     return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.knows_frames(stream)
@@ -480,12 +484,12 @@ def _with_levels(
         )
         after = made.levels(unstated)
         are_alike = all(abs(np.log(after[name] / before[name])) < ALIKE for name in after)
-        if _agree(made.start, found) or are_alike:
+        if _agrees_with_levels(made.start, found) or are_alike:
             break
     return made, found
 
 
-def _agree(start: InitialEstimate, found: Identified) -> bool:
+def _agrees_with_levels(start: InitialEstimate, found: Identified) -> bool:
     """Whether an initialisation has kept the states with which its levels are the likeliest."""
     if found.trajectory.shape != start.mean.shape or not np.isfinite(start.factor).all():
         return False

@@ -214,7 +214,7 @@ def identify(
     theta = model.first(model.problem.at(trajectory, points)) if first is None else first
     best = _optimum(model, trajectory, points, theta)
     for _ in range(MOST_MASKED):
-        suspect = None if best is None else _suspect(best.residuals)
+        suspect = None if best is None else _find_suspect(best.residuals)
         if best is None or suspect is None:
             break
         model, measurement = model.without(*suspect)
@@ -288,7 +288,7 @@ def _optimum(
     return None
 
 
-def _suspect(residuals: Residuals) -> tuple[int, int] | None:
+def _find_suspect(residuals: Residuals) -> tuple[int, int] | None:
     """Sensor and row of the measurement farthest from all others; None where chance explains its distance."""
     least = [float(each.min(initial=1.0)) for each in residuals.deleted]
     if not least or min(least) * sum(map(len, residuals.deleted)) >= SUSPECTED:

@@ -131,9 +131,9 @@ def recorded_gyro_noise(
         fitted = initialise(rotation, timeline, samples, whole)
         found = identify_gyro_noise(*_residuals_and_rates(timeline, fitted))
     except NUMERICAL_ERRORS as error:
-        raise _unidentified(sensor, reason(numerical(error))) from None
+        raise _unidentified_error(sensor, reason(numerical(error))) from None
     if not np.isfinite(found.scale_std):
-        raise _unidentified(sensor, "what is left of its rates is not finite")
+        raise _unidentified_error(sensor, "what is left of its rates is not finite")
     return found, option
 
 
@@ -161,7 +161,7 @@ def _correlation_time(residual: Float[np.ndarray, "n 3"]) -> float:
     return max(1.0, 1.0 + 2.0 * float(correlation[1:last].sum()))
 
 
-def _unidentified(sensor: Sensor, why: str) -> InputError:
+def _unidentified_error(sensor: Sensor, why: str) -> InputError:
     options = " and ".join(f"sensors.{option.name}" for option in sensor_format(sensor.name).noise)
     return InputError(
         f"the {sensor.name}'s noise cannot be identified from the recording ({why}); state {options} in a config file"

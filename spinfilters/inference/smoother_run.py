@@ -283,7 +283,7 @@ def _smoothed_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> _S
             trajectory = _measured_trajectory(setup)
             annealed, status = ANNEALED_ITERATIONS, EstimatorStatus().degraded(NO_FILTER, "filter-failed")
     epochs = timeline[: len(trajectory)]
-    whole, found, levels = _smoothed(epochs, trajectory, annealed, setup, settings)
+    whole, found, levels = _smooth_epochs(epochs, trajectory, annealed, setup, settings)
     if not found.solved.converged:
         status = status.degraded(
             f"the smoother did not converge in {found.solved.iterations} iterations", "smoother-unsettled"
@@ -297,7 +297,7 @@ def _smoothed_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> _S
     return _Smoothed(replace(history, noise=levels.components), at_levels(whole, levels, setup), found)
 
 
-def _smoothed(
+def _smooth_epochs(
     epochs: Timeline, trajectory: Float[np.ndarray, "k m"], annealed: int, setup: Setup, settings: Settings
 ) -> tuple[Problem, BatchSmoothing, Identified | None]:
     """The problem of some epochs, smoothed from a trajectory at the levels of noise that they identify, and these."""

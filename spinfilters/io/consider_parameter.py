@@ -45,6 +45,8 @@ class ConsiderParameter:
         Of a state that estimates it, which need not consider it then; empty where none does.
     order : int
         Of tables.
+    remark : str
+        Further sentence of its help; "" for none.
     """
 
     name: str
@@ -57,6 +59,7 @@ class ConsiderParameter:
     displaced: Displaced | None = None
     block: str = ""
     order: int = 50
+    remark: str = ""
 
     @property
     def unit(self) -> str:

@@ -236,7 +236,7 @@ class Segment:
         return f"segment {start}:{end}"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Dataset:
     """Measurements with what is known about them.
 
@@ -297,6 +297,15 @@ class Dataset:
 
         if self.inspector is not None:
             require_cover(self.inspector, self.log)
+
+    def __repr__(self) -> str:
+        """Kind, rows and times of each sensor, and the description; without the numbers."""
+        streams = [
+            f"{len(each)} of {each.sensor} in {each.time[-1] - each.time[0]:.6g} s"
+            for each in self.log.streams
+        ]
+        words = f" ({self.description})" if self.description else ""
+        return f"Dataset {self.kind}: {', '.join(streams)}{words}"
 
     @classmethod
     def from_dataframe(

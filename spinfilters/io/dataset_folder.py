@@ -101,7 +101,7 @@ class OtherFolderReader(DatasetReader):
     def read(self, path: Path, segment: int | None) -> Dataset:
         """InputError: always."""
         require_folder(path)
-        raise _undescribed(path, self.recordings_in(path))
+        raise _undescribed_error(path, self.recordings_in(path))
 
 
 def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None]) -> Dataset:
@@ -120,7 +120,9 @@ def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None])
         raise InputError(
             f"{path_text(path)}: kind is {value_text(kind)}, expected one of {', '.join(kinds)}; correct it"
         )
-    log = MeasurementLog(tuple(_with_own_covariance(form, folder) for form in _stored(folder, kinds[kind])))
+    log = MeasurementLog(
+        tuple(_with_own_covariance(form, folder) for form in _stored_formats(folder, kinds[kind]))
+    )
     options = options_from_toml(path, document)
     landmarks, cameras = folder / LANDMARK_FILE, calibrations_of(log)
     return Dataset(
@@ -136,7 +138,7 @@ def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None])
     )
 
 
-def _undescribed(folder: Path, recordings: Sequence[Path]) -> InputError:
+def _undescribed_error(folder: Path, recordings: Sequence[Path]) -> InputError:
     """Error of a folder without dataset.toml, by what lies there instead."""
     if os.path.isfile(folder / "cam0" / "data.csv"):
         return _no_front_end(folder, "stereo-images")
@@ -154,7 +156,7 @@ def _undescribed(folder: Path, recordings: Sequence[Path]) -> InputError:
 def _read_raw(folder: Path, reader: RawDataReader, description: str, options: DatasetOptions) -> Dataset:
     """Measurements made from raw data, with those of other sensors in the folder."""
     made = reader.read(folder, _truth_of(folder))
-    read = [_with_own_covariance(form, folder) for form in _stored(folder, None)]
+    read = [_with_own_covariance(form, folder) for form in _stored_formats(folder, None)]
     log = MeasurementLog((made.stream, *read))
     options = replace(options, covariance_inflation=made.inflation)
     cameras = calibrations_of(log)
@@ -208,7 +210,7 @@ def _with_own_covariance(form: SensorFormat, folder: Path) -> MeasurementStream:
     return with_covariance(stream, covariance) if os.path.lexists(covariance) else stream
 
 
-def _stored(folder: Path, required: SensorFormat | None) -> list[SensorFormat]:
+def _stored_formats(folder: Path, required: SensorFormat | None) -> list[SensorFormat]:
     """The formats whose files a folder holds.
 
     Among formats with the same file it is the required one's, or has the header of one.
@@ -340,7 +342,7 @@ def write_dataset(dataset: Dataset, folder: Path) -> None:
 
 
 def _refuse_leftovers(dataset: Dataset, folder: Path) -> None:
-    written = _written(dataset)
+    written = _written_files(dataset)
     for name in (*dataset_files(), PHYPHOX_TABLE):
         if name not in written and os.path.lexists(folder / name):
             raise InputError(
@@ -349,7 +351,7 @@ def _refuse_leftovers(dataset: Dataset, folder: Path) -> None:
             )
 
 
-def _written(dataset: Dataset) -> set[str]:
+def _written_files(dataset: Dataset) -> set[str]:
     names = {DATASET_FILE, *(sensor_format(sensor).file for sensor in dataset.log.sensors)}
     names |= {
         sensor_format(s.sensor).covariance_file for s in dataset.log.streams if s.covariance is not None

@@ -97,7 +97,7 @@ def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
         Quantity of columns that are called x, y and z and no more, as the name of their file says.
     """
     name, unit = _parts(text)
-    words, unit = _words(name), _spelled(unit)
+    words, unit = _words(name), _spell_unit(unit)
     if "linear_acceleration" not in name and "".join(words).startswith("linearacc"):
         return None  # phones call so what is left without gravity; ROS spells the accelerometer with an underscore
     if not words or any(_NOT_MOTION.match(word) for word in words):
@@ -117,7 +117,7 @@ def _parts(text: str) -> tuple[str, str]:
     return plain[: found.start()], "".join(found[1].lower().split())
 
 
-def _spelled(unit: str) -> str:
+def _spell_unit(unit: str) -> str:
     """A unit with its second as s and its multiplication left out."""
     return (
         re.sub(r"sec(?:ond)?s?(?![a-z])", "s", unit).replace("·", "").replace("*", "")
@@ -178,7 +178,7 @@ def _stem_and_axis(words: list[str]) -> tuple[str, str, str]:
     """Stem without blanks, axis letter and unit of a heading; axis and unit are empty where it has none."""
     unit = ""
     for count in (2, 1):
-        tail = _spelled("/".join(words[-count:]))
+        tail = _spell_unit("/".join(words[-count:]))
         if len(words) > count and tail in (*_RATE_UNITS, *_ACCELERATION_UNITS, *_LENGTH_UNITS):
             unit, words = tail, words[:-count]
             break
@@ -258,6 +258,18 @@ def motion_columns(
         A quantity that stands twice, or in two units or one that is unknown; clocks among which none can be
         chosen.
     """
+    found, headings = _vectors(path, names, bare)
+    if bare is None and "quaternion" in found and "position" not in found:
+        found, headings = _vectors(
+            path, names, "position"
+        )  # x, y, z beside a quaternion, as in the header of TUM
+    return MotionColumns(None if options.rate is not None else _clock(path, names, headings), found)
+
+
+def _vectors(
+    path: Path, names: Sequence[str], bare: Quantity | None
+) -> tuple[dict[Quantity, VectorColumns], list[Heading | None]]:
+    """Vectors of a header, and what each of its columns says."""
     headings = [heading_of(name, bare) for name in understood_names(names)]
     found: dict[Quantity, VectorColumns] = {}
     for quantity, axes in AXES.items():
@@ -266,7 +278,7 @@ def motion_columns(
         )
         if vector is not None:
             found[quantity] = vector
-    return MotionColumns(None if options.rate is not None else _clock(path, names, headings), found)
+    return found, headings
 
 
 class _Headed(NamedTuple):

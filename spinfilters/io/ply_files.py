@@ -88,7 +88,7 @@ def read_ply(path: Path) -> PlyContent:
     """
     data = read_bytes(path, MAX_PLY_BYTES)
     try:
-        return _parsed(data)
+        return _parse_content(data)
     except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:
         raise InputError(
             f"{path_text(path)}: is no whole PLY ({value_text(' '.join(str(error).split())[:80])}); export it again"
@@ -125,7 +125,7 @@ def packed_columns(columns: dict[str, np.ndarray]) -> np.ndarray:
     return table
 
 
-def _parsed(data: bytes) -> PlyContent:
+def _parse_content(data: bytes) -> PlyContent:
     order, elements, comments, start = _header(data)
     source = _AsciiRows(data[start:]) if order == ASCII else _BinaryRows(data, start, order)
     columns: dict[str, np.ndarray] = {}

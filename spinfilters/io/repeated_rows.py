@@ -24,14 +24,14 @@ FEWEST_NEW: Final[int] = 5
 
 def without_repeated_rows(stream: MeasurementStream) -> tuple[MeasurementStream, str]:
     """The stream without rows that only repeat the rates before, and how many they are; no words where it is as it was."""
-    repeated = _repeated(stream)
+    repeated = _find_repeated(stream)
     if not repeated.any():
         return stream, ""
     kept = _rows(stream, ~repeated)
     return kept, _remark(kept, len(stream))
 
 
-def _repeated(stream: MeasurementStream) -> Bool[np.ndarray, " n"]:
+def _find_repeated(stream: MeasurementStream) -> Bool[np.ndarray, " n"]:
     """Rows that a logger wrote again; none where the resolution explains them."""
     kept, repeated = stream.values[1:] == stream.values[:-1], np.zeros(len(stream), dtype=bool)
     if not sensor_format(stream.sensor).logged_again:

@@ -160,7 +160,7 @@ def _rows(path: Path, bag: Any, connection: Any) -> list[list[float]]:
 
 def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray, "n m"]]:
     """Topic, type, and rows of stamp (s) and numbers. InputError: unreadable."""
-    with _opened(path) as bag:
+    with _open_bag(path) as bag:
         connection = _connection(path, bag.connections, topic)
         rows = _rows(path, bag, connection)
     if len(rows) < 2:
@@ -181,7 +181,7 @@ class BagMessage(NamedTuple):
 
 def topics_by_type(path: Path) -> dict[str, str]:
     """Type of the messages of every topic of a bag. InputError: as `bag_messages`."""
-    with _opened(path) as bag:
+    with _open_bag(path) as bag:
         return {each.topic: each.msgtype for each in bag.connections}
 
 
@@ -193,7 +193,7 @@ def bag_messages(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:
     InputError
         The package rosbags is missing, or the bag is damaged.
     """
-    with _opened(path) as bag:
+    with _open_bag(path) as bag:
         for found, recorded, raw in bag.messages([each for each in bag.connections if each.topic in topics]):
             content = bag.deserialize(raw, found.msgtype)
             stamp = content.header.stamp
@@ -203,7 +203,7 @@ def bag_messages(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open_bag(path: Path) -> Iterator[Any]:
     """An open bag; what its parsers raise becomes an InputError."""
     try:
         from rosbags.highlevel import AnyReader  # pyright: ignore[reportMissingImports]
@@ -220,10 +220,10 @@ def _opened(path: Path) -> Iterator[Any]:
     except InputError:
         raise
     except Exception as error:  # the package meets a damaged bag with whatever its parsers raise
-        raise _broken(path, error) from None
+        raise _broken_bag_error(path, error) from None
 
 
-def _broken(path: Path, error: Exception) -> InputError:
+def _broken_bag_error(path: Path, error: Exception) -> InputError:
     return InputError(
         f"{path_text(path)}: is no whole ROS bag ({reason(error)[:120]}); record or copy it again"
     )

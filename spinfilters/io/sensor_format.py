@@ -40,6 +40,8 @@ class NoiseOption:
     scene_level : str
         Level of a `Scenario` that sensors share and that it takes instead (`position_std`, `rotation_std`, `gyro_std` or
         `pixel_std`); "" for a value of its own.
+    remark : str
+        Further sentence of its help; "" for none.
     """
 
     name: str
@@ -50,6 +52,7 @@ class NoiseOption:
     in_dataset: bool = True
     simulated: float | None = None
     scene_level: str = ""
+    remark: str = ""
 
 
 @dataclass(frozen=True)

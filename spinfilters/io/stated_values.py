@@ -85,7 +85,7 @@ class NumberRange(FieldNote):
 
         number = core_schema.int_schema(strict=True) if self.whole else core_schema.float_schema(strict=True)
         plain = core_schema.no_info_before_validator_function(plain_number, number)
-        return core_schema.no_info_after_validator_function(self._checked, plain)
+        return core_schema.no_info_after_validator_function(self._check_value, plain)
 
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
         """JSON Schema of a number of the range."""
@@ -94,7 +94,7 @@ class NumberRange(FieldNote):
             return {**handler(core), **limits}
         return {"anyOf": [{**handler(core), **limits}, {"const": 0}]}
 
-    def _checked(self, value: float) -> float:
+    def _check_value(self, value: float) -> float:
         if value not in self:
             raise ValueError(f"give {self}")
         return value

@@ -46,18 +46,18 @@ class ZipReader(StatedReader):
             reader = self.reader_of(folder, self.options)
             if segment is not None and not reader.has_segments:
                 raise InputError(f"{path_text(path)}: has no segments; leave out --segment {segment}")
-            return _named(path, reader.read(folder, segment))
+            return _name_archive(path, reader.read(folder, segment))
 
     def whole(self, path: Path) -> Dataset:
         """The whole recording of the archive."""
         with _Unpacked(path) as folder:
-            return _named(path, self.reader_of(folder, self.options).whole(folder))
+            return _name_archive(path, self.reader_of(folder, self.options).whole(folder))
 
     def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
         """Every kept segment of the archive."""
         with _Unpacked(path) as folder:
             return [
-                _named(path, each)
+                _name_archive(path, each)
                 for each in self.reader_of(folder, self.options).segments(folder, on_refused)
             ]
 
@@ -142,6 +142,6 @@ def _write(archive: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path) -> N
             file.write(chunk)
 
 
-def _named(path: Path, dataset: Dataset) -> Dataset:
+def _name_archive(path: Path, dataset: Dataset) -> Dataset:
     """A data set of the archive, not of the folder that is gone."""
     return replace(dataset, path=path)

@@ -181,7 +181,7 @@ def _range_equations(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]
         return None
     residual, J = residual[good], (expected.by_pose / expected.std[:, None])[good]
     found = step_equations(residual, J, LOSS)
-    return RangeEquations(found.information, found.gradient, _reduced(residual))
+    return RangeEquations(found.information, found.gradient, _mean_bounded_square(residual))
 
 
 def with_edges(
@@ -266,14 +266,16 @@ class RangeEvidence:
         """See `FaceEvidence`; the information is smaller where residuals are larger than the noise."""
         J, residual = self._linearise_ranges(tracked, number)
         weight = LOSS.weight(residual**2) if robust else 1.0
-        scale = max(1.0, _reduced(residual))
+        scale = max(1.0, _mean_bounded_square(residual))
         weighted = (J.T * weight) / scale
         H, b = weighted @ J, weighted @ residual
         return FaceInformation(H[:6, :6], H[:6, 6:], H[6:, 6:], b[:6], b[6:])
 
     def reduced_chi_square(self, tracked: TrackedFaces) -> float:
         """Reduced chi-square of the scan that fits worst."""
-        return max(_reduced(self._linearise_ranges(tracked, k)[1]) for k in range(len(self.ranges)))
+        return max(
+            _mean_bounded_square(self._linearise_ranges(tracked, k)[1]) for k in range(len(self.ranges))
+        )
 
     def _linearise_ranges(
         self, tracked: TrackedFaces, number: int
@@ -332,6 +334,6 @@ def _fit_poses_with_edges(
     return replace(tracked, poses=tuple(poses))
 
 
-def _reduced(residual: Float[np.ndarray, " n"]) -> float:
+def _mean_bounded_square(residual: Float[np.ndarray, " n"]) -> float:
     """Mean square of residuals in standard deviations, each bounded at `_LARGE`."""
     return float(np.mean(np.minimum(residual**2, _LARGE**2))) if len(residual) else np.inf

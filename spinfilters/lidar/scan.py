@@ -265,7 +265,7 @@ class Losses:
         flags[hit & (power < self.weakest)] = WEAK
         flags[hit & (power > self.strongest)] = SATURATED
         if self.sun is not None:
-            flags[self._blinded(directions, normals, hit)] = SATURATED
+            flags[self._blinded_by_sun(directions, normals, hit)] = SATURATED
         flags[generator.random(len(flags)) < self.dust] = DUST
         return flags
 
@@ -275,7 +275,7 @@ class Losses:
         """Lambert's law: reflectivity times the cosine of incidence."""
         return self.reflectivity * np.abs(np.einsum("ni,ni->n", directions, normals))
 
-    def _blinded(
+    def _blinded_by_sun(
         self, directions: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], hit: np.ndarray
     ) -> np.ndarray:
         sun = np.asarray(self.sun) / np.linalg.norm(np.asarray(self.sun))

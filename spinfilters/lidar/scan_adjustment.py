@@ -1,11 +1,4 @@
-"""Scans registered to one another: matching in order of time, and the adjustment of all poses with errors in common.
-
-Poses that were adjusted together have errors that are alike from scan to scan. A motion that is fitted to poses of covariances
-W^-1 each has the covariance N^-1 S N^-1 for the poses' joint covariance C, N = B' W B, S = B' W C W B, with B what the poses
-change by with the motion. Covariances s W^-1 carry as much information on average where s = tr(N^-1 S) / dim.
-
-The columns of B span any smooth motion: places, velocities and attitudes at the start, drifts of the attitude in the
-lidar's frame and in that of the body. A rotation and a shift of frame g are none, for nothing but the poses defines it.
+"""Scans registered to one another: matching in order of time, and the adjustment of all poses together.
 
 Every scan's points are matched with the nearest of the scans seen from the most alike directions, and all poses move together
 (Gauss-Newton on point-to-plane distances). Scans registered one by one keep the errors of those before in what scans of alike
@@ -15,12 +8,9 @@ Normals are noisy: where all surfaces seen lie along one direction, their errors
 Products of the normals of a point and of its match, whose errors are independent, have none of it on average. These make up the
 covariance. Such directions of the map, as the distance between two faces that no scan sees together, follow from the motion: under
 no force a point of the body, its centre of mass, drifts uniformly. Directions that the matches determine are left to them.
-
-Frame g has no place of its own: the sums of all rotations and shifts of a step are zero, and so are those of the errors that the
-covariance describes (inner constraints; Blaha 1971).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -30,6 +20,15 @@ from jaxtyping import Float, Int
 from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import angle_from_matrix, cross_matrix, matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
+from spinfilters.lidar.adjustment_covariance import (
+    LARGEST,
+    AdjustedScans,
+    ScanNormalEquations,
+    covariance_root,
+    information_alone,
+    significant_information,
+    with_covariances,
+)
 from spinfilters.lidar.face_map import STRICTEST
 from spinfilters.lidar.registration import (
     Cloud,
@@ -41,99 +40,18 @@ from spinfilters.lidar.registration import (
     registered,
 )
 from spinfilters.lidar.scan_pose import (
-    LEAST_VARIANCE,
     ROTATION_PRIOR,
     ScanPose,
     angles_from,
-    described_covariance,
     largest_departure,
     pose_covariance,
     predicted_pose,
 )
 
-NEGLIGIBLE: Final = 1e-9
-"""Share of the largest information, below which a direction counts as not determined."""
-
-CHANCE: Final = 10.0
-"""Largest positive eigenvalues by chance, in terms of the most negative one."""
-
-LARGEST: Final = 1e6
-"""Inflation, at most."""
-
 HELD: Final = 1e-3
 """Share of a predicted attitude's deviation by which a drift may turn scans without noise.
 
 A place does not separate a rotation about it from a slide, and what little a drift does not explain turned panels by 15 deg."""
-
-Product = Callable[[Float[np.ndarray, "a m"]], Float[np.ndarray, "a m"]]
-"""A matrix times columns."""
-
-
-def shared_inflation(poses: Sequence[ScanPose], common: Sequence[Float[np.ndarray, "6 6"]]) -> float:
-    """Mean ratio of the poses' variances to those without what they share with others.
-
-    Parameters
-    ----------
-    common : Sequence[ndarray of shape (6, 6)]
-        Part of every pose's covariance that it shares.
-    """
-    ratios = [
-        np.trace(np.linalg.pinv(pose.covariance - C, hermitian=True) @ pose.covariance) / 6
-        for pose, C in zip(poses, common, strict=True)
-    ]
-    good = [ratio for ratio in ratios if ratio >= 1]
-    return min(float(np.median(good)), LARGEST) if good else 1.0
-
-
-def smooth_inflation(
-    poses: Sequence[ScanPose], own: Float[np.ndarray, "k 6 6"], covariance: Product
-) -> float:
-    """Factor on the poses' own covariances, at least 1.
-
-    Parameters
-    ----------
-    own : ndarray of shape (k, 6, 6)
-        Information of every pose, over (rotation, shift) in g.
-    covariance : Product
-        Joint, likewise.
-    """
-    frame, smooth = _changes_of_poses(poses)
-    weighted_frame, weighted = (_weigh_columns(own, each) for each in (frame, smooth))
-    held = np.linalg.pinv(frame.T @ weighted_frame, hermitian=True) @ weighted_frame.T @ smooth
-    smooth, weighted = smooth - frame @ held, weighted - weighted_frame @ held
-    values, vectors = np.linalg.eigh(smooth.T @ weighted)
-    known = values > NEGLIGIBLE * values[-1]
-    if not known.any():
-        return 1.0
-    whitened = weighted @ (vectors[:, known] / np.sqrt(values[known]))
-    return float(np.clip(np.vdot(whitened, covariance(whitened)) / np.count_nonzero(known), 1.0, LARGEST))
-
-
-def _changes_of_poses(poses: Sequence[ScanPose]) -> tuple[Float[np.ndarray, "a 6"], Float[np.ndarray, "a m"]]:
-    """Changes of all poses with the frame g, and with a smooth motion."""
-    times = np.array([pose.time for pose in poses])
-    late = (2 * times - times[0] - times[-1]) / max(float(np.ptp(times)), 1e-300)
-    body, lidar = (
-        np.broadcast_to(np.eye(3), (len(poses), 3, 3)),
-        np.array([pose.rotation.T for pose in poses]),
-    )
-
-    def column(axes: Float[np.ndarray, "k 3 3"], power: int, first: int) -> Float[np.ndarray, "a 3"]:
-        """Changes along three axes that grow with a power of time."""
-        found = np.zeros((len(poses), 6, 3))
-        found[:, first : first + 3] = axes * late[:, None, None] ** power
-        return found.reshape(-1, 3)
-
-    frame = [column(body, 0, 0), column(body, 0, 3)]
-    turns = [column(lidar, 0, 0), column(lidar, 1, 0), column(body, 1, 0), column(body, 2, 0)]
-    return np.hstack(frame), np.hstack([*turns, column(lidar, 0, 3), column(lidar, 1, 3)])
-
-
-def _weigh_columns(
-    own: Float[np.ndarray, "k 6 6"], columns: Float[np.ndarray, "a m"]
-) -> Float[np.ndarray, "a m"]:
-    return np.einsum("kij,kjc->kic", own, columns.reshape(len(own), 6, -1)).reshape(columns.shape)
-
 
 MAP_SCANS: Final = 12
 """Scans that one is matched with, those seen from most alike directions: distant views share no surface."""
@@ -150,22 +68,6 @@ _SHIFT = 0.5  # robust standard deviations of a residual
 _SETTLED = 0.04  # mean square of a step in standard deviations
 _DRIFTS, _DRIFT_STEPS, _DRIFT_SWEEPS = 2, 12, 8
 _DRIFT_SCATTER = 3.0  # standard deviations of a place from matches alone
-_DAMPING, _GAUGE = 1e-9, 1e3  # in terms of the mean diagonal
-_GAUGE_SWEEPS = 8
-
-
-@dataclass(frozen=True, eq=False)
-class AdjustedScans:
-    """Poses of all scans with covariances.
-
-    Attributes
-    ----------
-    inflation : float
-        Of the poses' own covariances, for the errors that scans share (`smooth_inflation`).
-    """
-
-    poses: tuple[ScanPose, ...]
-    inflation: float = 1.0
 
 
 def adjusted_scans(
@@ -202,14 +104,15 @@ def adjusted_scans(
             found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
             usual, variance = (max(normal.variance, each**2) for each in (drift.scatter, drift.deviation))
             common, normal = min(max(variance / usual, 1.0), LARGEST), replace(normal, variance=variance)
-        adjusted = _with_covariances([found[k] for k in group], normal, size, common)
+        of_drift = _drift_information([found[k] for k in group], normal, size)
+        adjusted = with_covariances([found[k] for k in group], normal, size, common, of_drift)
         found[begin : group.stop], inflation = adjusted.poses, max(inflation, adjusted.inflation)
     return AdjustedScans(tuple(found), inflation)
 
 
 def _match_group(
     clouds: Sequence[Cloud], poses: list[ScanPose], group: range, size: float, reach: float
-) -> "_Normal":
+) -> ScanNormalEquations:
     """Normal equations at the poses of a group, which are moved there (Gauss-Newton)."""
     normal = _normal_equations(clouds, poses, group, size, reach)
     for _ in range(_ITERATIONS):
@@ -219,73 +122,16 @@ def _match_group(
         for k, by in zip(group, step.reshape(-1, 6), strict=True):
             poses[k] = _apply_step(poses[k], by)
         small = normal.gradient @ step < _SETTLED * normal.variance * len(step)
-        normal = _normal_equations(clouds, poses, group, size, normal.following_reach)
+        reach = max(_SHRINKING * normal.reach, normal.asked_reach)
+        normal = _normal_equations(clouds, poses, group, size, reach)
         if small and normal.reach <= normal.asked_reach / _SHRINKING:
             break
     return normal
 
 
-@dataclass(frozen=True, eq=False)
-class _Normal:
-    """Normal equations of the poses of k scans over (rotation, shift), both in g.
-
-    Attributes
-    ----------
-    information : ndarray of shape (a, a)
-        (6k, 6k), of unit variance.
-    gradient : ndarray of shape (a,)
-        (6k,).
-    certain : ndarray of shape (a, a)
-        The information without that of the normals' errors.
-    matched : ndarray of shape (k,)
-        Points of every scan.
-    variance : float
-        Of a residual, m^2, times the dependence of neighbouring ones.
-    reach : float
-        Of the matches, m.
-    asked_reach : float
-        What the residuals ask for, m.
-    is_free : bool
-        Whether no pose is held.
-    is_exact : bool
-        Whether residuals are rounding alone, so that the points have no noise.
-    """
-
-    information: Float[np.ndarray, "a a"]
-    gradient: Float[np.ndarray, " a"]
-    certain: Float[np.ndarray, "a a"]
-    matched: Int[np.ndarray, " k"]
-    variance: float
-    reach: float
-    asked_reach: float
-    is_free: bool
-    is_exact: bool
-
-    @property
-    def following_reach(self) -> float:
-        """Reach of the next matches, m."""
-        return max(_SHRINKING * self.reach, self.asked_reach)
-
-    def step(self) -> Float[np.ndarray, " a"]:
-        """Gauss-Newton step."""
-        diagonal = float(np.trace(self.information)) / len(self.gradient)
-        return np.linalg.solve(self.constrained(self.information, _DAMPING * diagonal), self.gradient)
-
-    def constrained(
-        self, information: Float[np.ndarray, "a a"], damping: Float[np.ndarray, " a"] | float
-    ) -> Float[np.ndarray, "a a"]:
-        """Information with damping, and with the sums of all errors held at zero."""
-        held = information + np.diag(np.broadcast_to(damping, len(information)))
-        if self.is_free:
-            common = np.tile(np.eye(6), (len(self.matched), 1)) / np.sqrt(len(self.matched))
-            weight = _GAUGE * np.maximum(np.diagonal(held).reshape(-1, 6).mean(axis=0), np.finfo(float).tiny)
-            held = held + (common * weight) @ common.T
-        return held
-
-
 def _normal_equations(
     clouds: Sequence[Cloud], poses: Sequence[ScanPose], group: range, size: float, reach: float
-) -> _Normal:
+) -> ScanNormalEquations:
     k = len(group)
     H, b, certain = np.zeros((k, 6, k, 6)), np.zeros((k, 6)), np.zeros((k, 6, k, 6))
     moved = [_in_body_frame(*each) for each in zip(clouds, poses, strict=True)]
@@ -321,7 +167,7 @@ def _normal_equations(
     asked = max(6 * std, *(clouds[number].least_reach for number in group))
     whole = (H.reshape(6 * k, 6 * k), b.ravel(), certain.reshape(6 * k, 6 * k))
     is_exact = variance < (STRICTEST * size) ** 2
-    return _Normal(*whole, matched, variance, reach, asked, k == len(poses), is_exact)
+    return ScanNormalEquations(*whole, matched, variance, reach, asked, k == len(poses), is_exact)
 
 
 def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:
@@ -486,21 +332,31 @@ def _drift_of(poses: Sequence[ScanPose], size: float) -> _Drift:
     return _Drift(change.reshape(3 * k, 6 * k), columns.reshape(3 * k, -1), off.reshape(-1))
 
 
-def _least_scatter(drift: _Drift, normal: _Normal, size: float) -> float:
+def _least_scatter(drift: _Drift, normal: ScanNormalEquations, size: float) -> float:
     """Scatter about a drift, m, below which it would say more of the places than the matches do that determine them."""
     k = len(normal.matched)
-    alone = np.array([_covariance_root(each, size) for each in _information_alone(normal)])
+    alone = np.array([covariance_root(each, size) for each in information_alone(normal)])
     change = np.einsum("kikj->kij", drift.change.reshape(k, 3, k, 6))
     std = np.linalg.svd(change @ alone, compute_uv=False)
     return max(_DRIFT_SCATTER * float(np.median(std)), STRICTEST * size)
 
 
-def _on_drift(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[ScanPose]:
+def _drift_information(
+    poses: Sequence[ScanPose], normal: ScanNormalEquations, size: float
+) -> Float[np.ndarray, "a a"] | float:
+    """Information of all poses from the drift of the centre of mass; 0 of too few scans for one."""
+    if len(poses) < FEWEST_ON_DRIFT:
+        return 0.0
+    drift = _drift_of(poses, size)
+    return drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))
+
+
+def _on_drift(poses: Sequence[ScanPose], normal: ScanNormalEquations, size: float) -> list[ScanPose]:
     """Poses on a drift in the directions that the matches leave open."""
     found, done = list(poses), np.zeros(6 * len(poses))
-    whole = _proper(normal.certain, normal.information, normal.is_exact) / normal.variance
+    whole = significant_information(normal.certain, normal.information, normal.is_exact) / normal.variance
     turn = HELD * ROTATION_PRIOR if normal.is_exact else ROTATION_PRIOR
-    root = _covariance_root(normal.constrained(whole, 0.0), size, turn)
+    root = covariance_root(normal.constrained(whole, 0.0), size, turn)
     joint = root @ root.T
     for _ in range(_DRIFT_STEPS):
         drift = _drift_of(found, size)
@@ -512,117 +368,6 @@ def _on_drift(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[S
         if drift.scatter <= least:
             break
     return found
-
-
-def _information_alone(normal: _Normal) -> Float[np.ndarray, "k 6 6"]:
-    """Information of every pose with all others exact."""
-    k = len(normal.matched)
-    certain, information = (
-        np.einsum("kikj->kij", each.reshape(k, 6, k, 6)) for each in (normal.certain, normal.information)
-    )
-    return np.array(
-        [_proper(*each, normal.is_exact) / normal.variance for each in zip(certain, information, strict=True)]
-    )
-
-
-def _proper(
-    certain: Float[np.ndarray, "a a"], information: Float[np.ndarray, "a a"], is_exact: bool
-) -> Float[np.ndarray, "a a"]:
-    """The information without eigenvalues that chance gives where there is none.
-
-    Those below zero; of scans without noise also positive ones like these, for no noise would make such directions uncertain. The
-    normals of these are wrong next to edges alone. Products of wrong normals with right ones are nothing along open directions,
-    but turn them towards exact ones: those of the whole information are open by rounding.
-    """
-    values, vectors = np.linalg.eigh(certain)
-    chance = 0.0
-    if is_exact:
-        chance = -CHANCE * values[0]
-        values, vectors = np.linalg.eigh(information)
-    return (vectors * np.where(values > chance, np.maximum(values, 0.0), 0.0)) @ vectors.T
-
-
-def _covariance_root(
-    information: Float[np.ndarray, "a a"], size: float, turn: float = ROTATION_PRIOR
-) -> Float[np.ndarray, "a a"]:
-    """Square root of the covariance of information and the prior of predicted poses together.
-
-    By eigenvectors in deviations of the prior: scans without noise hold up to 1e27 times its information, and a sum of both would
-    lose what it says of the directions that they leave open. ``turn`` is the prior's deviation of a rotation, rad.
-    """
-    scale = np.tile(np.repeat([turn, size], 3), len(information) // 6)
-    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
-    known = np.where(values > NEGLIGIBLE * values[-1], values, 0.0)
-    return scale[:, None] * vectors / np.sqrt(1.0 + known)
-
-
-def _about_certain_scans(
-    root: Float[np.ndarray, "a m"], prior: Float[np.ndarray, "6"]
-) -> Float[np.ndarray, "a m"]:
-    """Root of the covariance where errors of the scans that are determined, not those of all of them, have the mean zero.
-
-    A mean over scans that are open gives all others a part of their errors.
-    """
-    errors = root.reshape(-1, 6, root.shape[1])
-    for _ in range(_GAUGE_SWEEPS):
-        weights = 1 / np.maximum(np.einsum("kim,i,kim->k", errors, prior, errors), LEAST_VARIANCE)
-        errors = errors - np.average(errors, axis=0, weights=weights)
-    return errors.reshape(root.shape)
-
-
-def _with_bend(covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
-    """Covariance of a pose (translation, rotation) with what rotations move its place by in the second order.
-
-    A rotation by a moves a place that it shifts by d in the first order by a d / 2 across: of panels that turn about their normal,
-    more than all that is exact.
-    """
-    shift, turn = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
-    return covariance + np.diag(np.repeat([shift * turn / 4, 0.0], 3))
-
-
-def _prior_information(scans: int, size: float) -> Float[np.ndarray, " a"]:
-    """Of a predicted pose, for every scan."""
-    return np.tile(np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3), scans)
-
-
-def _with_covariances(
-    poses: Sequence[ScanPose], normal: _Normal, size: float, common: float | None
-) -> AdjustedScans:
-    """Poses with the marginals of the joint covariance.
-
-    Their covariances with the poses of the others exact come with them. Of scans without noise, where a drift is known, these are
-    the marginals, too, less the inflation ``common``: no factor on exact poses would describe what some scans share that no other
-    one holds. What no scan determines has the prior of a predicted pose, see `pose_covariance`.
-    """
-    k, prior = len(poses), _prior_information(1, size)
-    whole = _proper(normal.certain, normal.information, normal.is_exact) / normal.variance
-    if k >= FEWEST_ON_DRIFT:
-        drift = _drift_of(poses, size)
-        whole = whole + drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))
-    root = _covariance_root(normal.constrained(whole, 0.0), size)
-    if normal.is_exact:
-        root = _about_certain_scans(root, prior)
-    joint = root @ root.T
-    covariance = joint.reshape(k, 6, k, 6)
-    alone = _information_alone(normal)
-    found = []
-    for number, pose in enumerate(poses):
-        to_lidar = np.kron(np.eye(2), -pose.rotation)
-        root = to_lidar @ _covariance_root(alone[number], size)
-        (every, lacking), (own, _) = (
-            described_covariance(each, pose.rotation, size)
-            for each in (to_lidar @ covariance[number, :, number] @ to_lidar.T, root @ root.T)
-        )
-        if common is not None:
-            every = _with_bend(every)
-            own = every / common
-        matched = int(normal.matched[number])
-        found.append(
-            replace(pose, covariance=every, own_covariance=own, undetermined=lacking, matched=matched)
-        )
-    if common is not None:
-        return AdjustedScans(tuple(found), common)
-    return AdjustedScans(tuple(found), smooth_inflation(poses, alone + np.diag(prior), joint.__matmul__))
 
 
 MOST_POINTS: Final = 3000

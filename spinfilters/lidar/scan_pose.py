@@ -84,7 +84,7 @@ def pose_covariance(
     """
     scale = np.repeat([ROTATION_PRIOR, size], 3)
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale + np.eye(6))
-    return _described(1 / np.maximum(values, 1.0), vectors, rotation, size)
+    return _describe_pose(1 / np.maximum(values, 1.0), vectors, rotation, size)
 
 
 def described_covariance(
@@ -93,10 +93,10 @@ def described_covariance(
     """A covariance over (rotation in L, translation) that holds the prior already, as `pose_covariance` returns it."""
     scale = np.repeat([ROTATION_PRIOR, size], 3)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return _described(values[::-1], vectors[:, ::-1], rotation, size)
+    return _describe_pose(values[::-1], vectors[:, ::-1], rotation, size)
 
 
-def _described(
+def _describe_pose(
     values: Float[np.ndarray, "6"],
     vectors: Float[np.ndarray, "6 6"],
     rotation: Float[np.ndarray, "3 3"],

@@ -13,6 +13,7 @@ from spinfilters.core.attitude_conversions import angle_from_matrix, matrix_from
 from spinfilters.core.errors import InputError
 from spinfilters.core.gauss_newton import gauss_newton
 from spinfilters.core.robust_losses import median_deviation
+from spinfilters.lidar.adjustment_covariance import shared_inflation
 from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_map import (
     FEWEST_FOR_DRIFT,
@@ -41,7 +42,7 @@ from spinfilters.lidar.planes import (
     identified_noise,
 )
 from spinfilters.lidar.scan import Scan, without_isolated, without_repeats
-from spinfilters.lidar.scan_adjustment import MOST_POINTS, SURE_OVERLAP, match_scans, shared_inflation
+from spinfilters.lidar.scan_adjustment import MOST_POINTS, SURE_OVERLAP, match_scans
 from spinfilters.lidar.scan_pose import (
     MOST_SCANS,
     ScanPose,
@@ -306,8 +307,10 @@ MOST_EXCESS: Final = 1.25
 """Mean reduced chi-square of the planes' points, of the median scan, at most.
 
 Patches of a curved surface exceed the noise: plane faces have 0.8 to 1.0, a bumpy sphere of a metre at 30 m 1.2 to 2.5."""
-CONFIRMED: Final = np.deg2rad(5.0)
-"""Angle between attitudes that were found in two ways, up to which they are the same one."""
+CONFIRMED: Final = np.deg2rad(2.0)
+"""Angle between attitudes that were found in two ways, up to which they are the same one.
+
+Panels that are taken for one another can turn a scan by less than 5 deg."""
 FEWEST_CONFIRMED: Final = 2
 """Scans with such an attitude, of fewer of which nothing is estimated."""
 MOST_FRAMES: Final = 50

@@ -119,7 +119,7 @@ class AnswerWriter:
         self._waiting: queue.Queue[Answer | None] = queue.Queue(MOST_WAITING)
         self.dropped = 0
         self.broken: OSError | None = None
-        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread = threading.Thread(target=self._write_lines, daemon=True)
         self._thread.start()
 
     def write(self, answer: Answer) -> None:
@@ -156,7 +156,7 @@ class AnswerWriter:
         self._thread.join(LAST_SECONDS)
         self.dropped += max(self._waiting.qsize() - 1, 0) if self._thread.is_alive() else 0
 
-    def _work(self) -> None:
+    def _write_lines(self) -> None:
         while (answer := self._waiting.get()) is not None:
             try:
                 write_answer(answer, self._style, self._stream)

@@ -196,7 +196,7 @@ class GapRule:
     def jump(self, arrived: ArrivedEpoch, now: float) -> tuple[bool, ArrivedEpoch | None]:
         """Whether an epoch is held back, and the held one that it confirms."""
         before, self._held = self._held, None
-        limit = min(self._largest, JUMP * self._usual)
+        limit = min(self._largest, JUMP * self._usual_interval)
         if arrived.time - now <= limit:
             return False, None
         if before is not None and 0 < arrived.time - before.time <= limit:
@@ -206,12 +206,12 @@ class GapRule:
 
     def passed(self, interval: float) -> bool:
         """Remember an interval (s); whether it is a gap."""
-        gap = interval > GAP * self._usual
+        gap = interval > GAP * self._usual_interval
         self._intervals = [*self._intervals, interval][-REMEMBERED:]
         return gap
 
     @property
-    def _usual(self) -> float:
+    def _usual_interval(self) -> float:
         return float(np.median(self._intervals)) if len(self._intervals) >= FEWEST else np.inf
 
 
@@ -260,7 +260,7 @@ class Executive:
         before = estimator.snapshot()
         rehearse(estimator, self.track.time, epochs)
         ahead = self._options.ahead
-        if ahead > 0 and self._carried(estimator.belief, ahead) is None:
+        if ahead > 0 and self._predict_belief(estimator.belief, ahead) is None:
             raise InputError(
                 f"--predict {ahead:g}: at this rate the prediction has no meaning so far ahead; give less"
             )
@@ -289,7 +289,7 @@ class Executive:
             self._begin_smoother(first=True)
             for arrived in epochs:
                 if arrived is not None:
-                    yield from self._answers(arrived)
+                    yield from self._answer_epoch(arrived)
                 self.serve()
         finally:
             self.supervisor.close()
@@ -317,7 +317,7 @@ class Executive:
                 self._stands_on_smoother = True
                 self._verdict.rebased(self._rebasing_to, self._smoother_believed)
 
-    def _answers(self, arrived: ArrivedEpoch) -> Iterator[Answer]:
+    def _answer_epoch(self, arrived: ArrivedEpoch) -> Iterator[Answer]:
         """The answer to an epoch, if any; the epoch goes to the smoother's process first."""
         loss = self._loss(arrived.time)
         if loss is not None:
@@ -355,7 +355,7 @@ class Executive:
             return
         if self._gaps.passed(gap):
             self.summary.events["gap"] += 1
-        answer = self._said(arrived, belief, reports or [], len(frame.measurements))
+        answer = self._make_answer(arrived, belief, reports or [], len(frame.measurements))
         self.summary.latencies.append(answer.latency)
         self.summary.work.append(time.thread_time() - began)
         yield answer
@@ -379,7 +379,7 @@ class Executive:
                 self.summary.events["unusable"] += 1
         return Epoch(arrived.time, tuple(measurements))
 
-    def _said(
+    def _make_answer(
         self, arrived: ArrivedEpoch, belief: Gaussian, reports: list[UpdateReport], count: int
     ) -> Answer:
         instant, status = arrived.time, self.track.estimator.status
@@ -395,10 +395,10 @@ class Executive:
             status = status.degraded(
                 "this epoch would have made the estimate infinite and was left out", "steps-left-out"
             )
-            belief = self._carried(belief, instant - self.track.time) or belief
+            belief = self._predict_belief(belief, instant - self.track.time) or belief
         ahead = None
         if self._options.ahead > 0:
-            there = self._carried(belief, self._options.ahead)
+            there = self._predict_belief(belief, self._options.ahead)
             ahead = None if there is None else (instant + self._options.ahead, there)
             status = (
                 status.degraded("it cannot be predicted so far ahead", "prediction-range")
@@ -420,7 +420,7 @@ class Executive:
         self.summary.latencies.append(latency)
         return Answer(arrived.time, self.track.belief, status, "filter", 0, used, latency)
 
-    def _carried(self, belief: Gaussian, seconds: float) -> Gaussian | None:
+    def _predict_belief(self, belief: Gaussian, seconds: float) -> Gaussian | None:
         """A belief so much later, None where that cannot be computed."""
         try:
             there = predict_ahead(self._setup.process, belief, np.array([seconds])).belief(0)

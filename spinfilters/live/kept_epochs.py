@@ -67,13 +67,15 @@ class KeptEpochs:
         for time, rows in zip(self._times, self._rows, strict=True):
             for stream in self._dataset.log.slice(time, time).streams if rows is None else rows:
                 by_sensor.setdefault(stream.sensor, []).append(stream)
-        return replace(self._dataset, log=MeasurementLog(tuple(map(_joined, by_sensor.values()))), truth=None)
+        return replace(
+            self._dataset, log=MeasurementLog(tuple(map(_join_rows, by_sensor.values()))), truth=None
+        )
 
     def __len__(self) -> int:
         return len(self._times)
 
 
-def _joined(parts: list[MeasurementStream]) -> MeasurementStream:
+def _join_rows(parts: list[MeasurementStream]) -> MeasurementStream:
     """Rows of one sensor, in their order."""
     ids = [part.ids for part in parts if part.ids is not None]
     covariances = [part.covariance for part in parts if part.covariance is not None]

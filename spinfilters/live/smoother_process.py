@@ -344,8 +344,8 @@ class SmootherSupervisor:
         if self._channel.closed or not self._process.is_alive():
             code = self._process.exitcode
             self.end("smoother died", "its process ended" + ("" if code is None else f" (exit code {code})"))
-        elif self._outstanding and time.monotonic() - self._last > self._allowed:
-            self.end("smoother late", f"it said nothing for {self._allowed:g} s")
+        elif self._outstanding and time.monotonic() - self._last > self._allowed_seconds:
+            self.end("smoother late", f"it said nothing for {self._allowed_seconds:g} s")
         return found
 
     def end(self, event: str, why: str) -> None:
@@ -360,7 +360,7 @@ class SmootherSupervisor:
         self._reap(1.0)
 
     @property
-    def _allowed(self) -> float:
+    def _allowed_seconds(self) -> float:
         return self._options.patience if self._handed else max(self._options.patience, FIRST_PATIENCE)
 
     def _stop(self) -> None:

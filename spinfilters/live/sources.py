@@ -90,9 +90,9 @@ class LineReader:
             done = self.flush()
         key = row.sensor, row.landmark
         if key in self._rows:
-            self._lost("duplicate", text)
+            self._count_lost("duplicate", text)
         elif len(self._rows) >= LARGEST_EPOCH:
-            self._lost("too many lines of one time", text)
+            self._count_lost("too many lines of one time", text)
         else:
             self._rows[key] = row
         return done
@@ -110,18 +110,18 @@ class LineReader:
             try:
                 streams.append(_stream(sensor, [row for row in rows if row.sensor == sensor]))
             except InputError as error:
-                self._lost("unusable", str(error))
+                self._count_lost("unusable", str(error))
         return ArrivedEpoch(rows[0].time, tuple(streams)) if streams else None
 
     def torn(self, text: str) -> None:
         """Count an incomplete line."""
-        self._lost("torn line", text)
+        self._count_lost("torn line", text)
 
     def _row(self, text: str) -> Row | None:
         named, _, rest = text[:LONGEST_LINE].partition(",")
         sensor = sensor_called(named)
         if sensor not in self.sensors:
-            self._lost("unknown sensor", text)
+            self._count_lost("unknown sensor", text)
             return None
         form = sensor_format(sensor)
         parts = rest.split(",")
@@ -129,9 +129,9 @@ class LineReader:
         if len(parts) != wanted or len(text) > LONGEST_LINE or not text.isascii() or "_" in rest:
             self.torn(text)
             return None
-        return self._parsed(form, parts, text)
+        return self._parse_row(form, parts, text)
 
-    def _parsed(self, form: SensorFormat, parts: list[str], text: str) -> Row | None:
+    def _parse_row(self, form: SensorFormat, parts: list[str], text: str) -> Row | None:
         try:
             time, values = float(parts[0]), tuple(map(float, parts[1 + form.has_landmarks :]))
             landmark = int(parts[1]) if form.has_landmarks else None
@@ -139,11 +139,11 @@ class LineReader:
             self.torn(text)
             return None
         if not all(map(math.isfinite, (time, *values))) or (landmark is not None and abs(landmark) >= 2**62):
-            self._lost("not finite", text)
+            self._count_lost("not finite", text)
             return None
         return Row(form.name, time, values, landmark)
 
-    def _lost(self, kind: str, text: str) -> None:
+    def _count_lost(self, kind: str, text: str) -> None:
         self.losses[kind] = self.losses.get(kind, 0) + 1
         self.last[kind] = text[:80]
 

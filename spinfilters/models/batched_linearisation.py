@@ -95,20 +95,22 @@ class BatchedLinearisation:
         speeds = self._integrator.speeds(here)
         steps = StepBatch(here, there, here if about is None else about, dt, speeds)
         with np.errstate(over="ignore", invalid="ignore"):
-            groups = _alike(speeds * dt)
+            groups = _group_steps(speeds * dt)
         if len(groups) == 1:
             with suppress(IntegrationError):
-                return self._linearised(steps, densities)
+                return self._linearise_evenly(steps, densities)
             groups = []  # none of them can be integrated
         n, q = self._layout.error_dim, self._integrator.noise_dim
         shapes = ((len(dt), n), (len(dt), n, n), (len(dt), n, q))
         defect, transition, noise = (np.full(shape, np.nan) for shape in shapes)
         for rows in groups:
             with suppress(IntegrationError):
-                defect[rows], transition[rows], noise[rows] = self._linearised(steps.chosen(rows), densities)
+                defect[rows], transition[rows], noise[rows] = self._linearise_evenly(
+                    steps.chosen(rows), densities
+                )
         return LinearisedSteps(defect, transition, noise)
 
-    def _linearised(self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]) -> LinearisedSteps:
+    def _linearise_evenly(self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]) -> LinearisedSteps:
         """`linearise` with as many substeps for all as the longest turn needs."""
         here, dt = steps.here, steps.dt[:, None]
         count = self._integrator.count_at(float(steps.speeds.max()), float(dt.max())) if len(here) else 0
@@ -130,16 +132,16 @@ class BatchedLinearisation:
         linearisation].
         """
         inputs = self._inputs()
-        begin = ca.Function("begin_steps", inputs, [*self._begin(inputs[0], inputs[2]), inputs[4]])
+        begin = ca.Function("begin_steps", inputs, [*self._begin_rotation(inputs[0], inputs[2]), inputs[4]])
         state = ca.SX.sym("state", 2 * ROTATION + self._integrator.expressions.linear_substep().numel_in(0))
         end = ca.Function("end_steps", [*inputs, state], self._end(inputs, state))
-        return VectorisedScan(begin, self._turn(state), end)
+        return VectorisedScan(begin, self._rotation_function(state), end)
 
     def _inputs(self) -> list[Expression]:
         points = [ca.SX.sym(name, self._layout.mean_dim) for name in ("here", "there", "about")]
         return [*points, ca.SX.sym("dt"), ca.SX.sym("h"), ca.SX.sym("psd", 2)]
 
-    def _begin(self, here: Expression, about: Expression) -> list[Expression]:
+    def _begin_rotation(self, here: Expression, about: Expression) -> list[Expression]:
         """The first state, and the constants of the rotation of both."""
         own, slopes = self._layout.unpack(here), self._layout.unpack(about)
         p, rotation = rotation_parameters(self._layout, own), ca.vertcat(own["q"], own["w"])
@@ -147,7 +149,7 @@ class BatchedLinearisation:
         first = ca.vertcat(rotation, rotation, slopes["q"], slopes["w"], rest)
         return [first, p, rotation_parameters(self._layout, slopes)]
 
-    def _turn(self, state: Expression) -> ca.Function:
+    def _rotation_function(self, state: Expression) -> ca.Function:
         substep, linear = (
             self._integrator.expressions.substep(),
             self._integrator.expressions.linear_substep(),
@@ -177,7 +179,7 @@ class BatchedLinearisation:
         return [ca.densify(part) for part in (error, defect, transition.T[:], factor.T[:])]
 
 
-def _alike(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
+def _group_steps(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
     """Indices of steps grouped by the size of their rotations, rad.
 
     Rotations of up to `ALIKE` times the median form one group, which holds every step of an ordinary recording.

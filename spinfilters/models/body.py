@@ -274,7 +274,7 @@ def _inertias(
     vague = _widen(layout, mean, factor, found)
     if intervals and vague.size:
         _cover(mean[vague][:, layout.mean_slice("s")], factor[vague][:, layout.slice("s")], found, vague)
-    found["principal_axes_cov"] = _bounded(found["principal_axes_cov"])
+    found["principal_axes_cov"] = _bound_deviations(found["principal_axes_cov"])
     return found
 
 
@@ -338,7 +338,7 @@ def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n
     return turned[:, last, after] / gap[..., np.newaxis]
 
 
-def _bounded(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
+def _bound_deviations(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
     """The covariance with standard deviations of at most `UNDETERMINED_STD`, correlations kept."""
     std = np.sqrt(np.einsum("nkk->nk", covariance))
     share = UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD)

@@ -72,6 +72,7 @@ GYRO_SCALE_ERROR: Final = ConsiderParameter(
     moved=_gyro_scale_error_moved,
     block=GYRO_SCALE.name,
     order=3,
+    remark="A constant error, which is considered and not estimated. Noise in proportion to the rate is sensors.gyro_scale_std.",
 )
 
 

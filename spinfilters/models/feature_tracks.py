@@ -312,7 +312,7 @@ class FeatureTracks(NamedTuple):
     landmarks: Int[np.ndarray, " m"]
 
 
-def _detected(
+def _draw_detections(
     known: Bool[np.ndarray, "k n"], detection: float, value_dim: int, generator: np.random.Generator
 ) -> tuple[list[Int[np.ndarray, " f"]], list[Float[np.ndarray, "f v"]]]:
     """Landmarks that are found at every epoch, and standard normal errors of their values."""
@@ -346,7 +346,7 @@ def feature_tracks(
             rows = np.flatnonzero(row)
             row[rows] = camera.sees(camera.model.predict(x, camera.parameters[rows]))
     known = front_end.recognition.known(visible, generator)
-    ids, noise = _detected(known, front_end.detection, camera.model.value_dim, generator)
+    ids, noise = _draw_detections(known, front_end.detection, camera.model.value_dim, generator)
     every, epochs = np.concatenate(ids), np.repeat(np.arange(len(ids)), [len(found) for found in ids])
     enough = np.bincount(every, minlength=len(surface.points)) >= front_end.fewest_observations
     rows = enough[every].nonzero()[0]

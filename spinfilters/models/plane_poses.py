@@ -67,9 +67,9 @@ def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
     for scan in scans:
         found = None
         if len(scan.points) >= FEWEST:
-            found = None if last is None else _settled(scan, last.rotation, last.translation)
+            found = None if last is None else _refine_pose(scan, last.rotation, last.translation)
             if found is None or found.residual_std > good:
-                found = _searched(scan, good, None if last is None else last.translation)
+                found = _search_attitudes(scan, good, None if last is None else last.translation)
         poses.append(found)
         if found is not None:
             last = found
@@ -81,7 +81,9 @@ def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
     return poses
 
 
-def _searched(scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | None) -> PlanePose | None:
+def _search_attitudes(
+    scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | None
+) -> PlanePose | None:
     """The best of many attitudes in which the planes face the lidar, or the first with residuals below ``good`` m.
 
     Parameters
@@ -96,15 +98,17 @@ def _searched(scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | No
         (_SPREAD, 4)
     )  # of all directions alike: uniform attitudes
     for R in matrix_from_quaternion(drawn / np.linalg.norm(drawn, axis=1, keepdims=True)):
-        found = _settled(few, R, middle - R @ centre if place is None else place)
+        found = _refine_pose(few, R, middle - R @ centre if place is None else place)
         if found is not None and (best is None or found.residual_std < best.residual_std):
             best = found
             if best.residual_std < good:
                 break
-    return None if best is None else _settled(scan, best.rotation, best.translation)
+    return None if best is None else _refine_pose(scan, best.rotation, best.translation)
 
 
-def _settled(scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> PlanePose | None:
+def _refine_pose(
+    scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
+) -> PlanePose | None:
     """Gauss-Newton of point-to-plane distances.
 
     None where planes would face away from the lidar, leave the attitude undetermined, or it does not settle.

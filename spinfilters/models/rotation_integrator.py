@@ -377,10 +377,10 @@ class RotationIntegrator:
         after = np.empty_like(x)
         for count in np.unique(counts).tolist():
             rows = np.flatnonzero(counts[of_interval] == count)
-            after[rows] = self._stepped(x[rows], dt[rows], of_interval[rows], count)
+            after[rows] = self._step_intervals(x[rows], dt[rows], of_interval[rows], count)
         return after
 
-    def _stepped(
+    def _step_intervals(
         self,
         x: Float[np.ndarray, "k m"],
         dt: Float[np.ndarray, " k"],
@@ -394,7 +394,7 @@ class RotationIntegrator:
         is_coarse = (worst > self._tolerance) & np.isfinite(worst)
         if is_coarse.any() and not self.good(worst[is_coarse], count):
             rows = np.flatnonzero(is_coarse[of_interval])
-            after[rows] = self._stepped(x[rows], dt[rows], of_interval[rows], 2 * count)
+            after[rows] = self._step_intervals(x[rows], dt[rows], of_interval[rows], 2 * count)
         return after
 
     def linearise(

@@ -301,7 +301,7 @@ def model_view(model: ShownModel, motion: ShownMotion) -> str:
 
 
 def _document(model: ShownModel, motion: ShownMotion) -> dict[str, object]:
-    model, motion = _limited(model), _at(motion, _finite_rows(motion))
+    model, motion = _limit_points(model), _motion_at_rows(motion, _finite_rows(motion))
     distance = np.linalg.norm(model.vertices, axis=1)
     radius = float(np.quantile(distance, 0.99)) * 1.1
     held = np.clip(model.vertices, -3 * radius, 3 * radius)
@@ -311,9 +311,9 @@ def _document(model: ShownModel, motion: ShownMotion) -> dict[str, object]:
     )
     poses = np.hstack([motion.time[:, None], motion.rotation.reshape(-1, 9), motion.position])
     return {
-        "vertices": _packed(np.rint(held / unit), "<i2"),
-        "triangles": _packed(model.triangles, "<u4"),
-        "grey": _packed(np.clip(model.grey, 0, 255), "u1"),
+        "vertices": _pack_values(np.rint(held / unit), "<i2"),
+        "triangles": _pack_values(model.triangles, "<u4"),
+        "grey": _pack_values(np.clip(model.grey, 0, 255), "u1"),
         "unit": unit,
         "radius": radius,
         "middle": ((low + high) / 2).tolist(),
@@ -336,7 +336,7 @@ def _directions(vectors: Float[np.ndarray, "n 3"] | None) -> list[list[float]]:
     return np.round(vectors / longest, 4).tolist()
 
 
-def _limited(model: ShownModel) -> ShownModel:
+def _limit_points(model: ShownModel) -> ShownModel:
     """Finite points, no more than a page holds; of a surface with more triangles its vertices alone."""
     if 0 < len(model.triangles) <= MOST_TRIANGLES:
         return model
@@ -353,7 +353,7 @@ def _finite_rows(motion: ShownMotion) -> Int[np.ndarray, " k"]:
     return rows[:: max(1, -(-len(rows) // MOST_POSES))]
 
 
-def _at(motion: ShownMotion, rows: Int[np.ndarray, " k"]) -> ShownMotion:
+def _motion_at_rows(motion: ShownMotion, rows: Int[np.ndarray, " k"]) -> ShownMotion:
     rate, momentum = (None if each is None else each[rows] for each in (motion.rate, motion.momentum))
     return replace(
         motion,
@@ -365,5 +365,5 @@ def _at(motion: ShownMotion, rows: Int[np.ndarray, " k"]) -> ShownMotion:
     )
 
 
-def _packed(values: np.ndarray, kind: str) -> str:
+def _pack_values(values: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(values.astype(kind)).tobytes()).decode()

@@ -124,7 +124,7 @@ def place_courses_figure(found: ReferenceComparison, difference: bool) -> Figure
 
 
 def turn_courses_figure(found: ReferenceComparison, corrected: bool, difference: bool) -> Figure:
-    """Body rates of estimate and reference, or their differences with the closest angle (Tweddle 2013, Figures 6-18 to 6-21).
+    """Body rates and attitude of estimate and reference, or their differences (Tweddle 2013, Figures 6-18 to 6-21).
 
     Parameters
     ----------
@@ -133,20 +133,23 @@ def turn_courses_figure(found: ReferenceComparison, corrected: bool, difference:
     corrected : bool
         Whether the axes are corrected by the fitted rotation, or only flipped.
     difference : bool
-        Whether estimate minus reference is drawn.
+        Whether estimate minus reference is drawn, and the closest angle.
     """
     rate = found.rate_after if corrected else found.rate_before
     attitude = found.attitude_after if corrected else found.attitude_before
-    angles = attitude is not None and difference
-    figure = Figure(figsize=(11.0, 3.2 + 2.2 * angles), layout="constrained")
-    grid = figure.add_gridspec(1 + angles, 3)
+    rows = 1 + (attitude is not None)
+    figure = Figure(figsize=(11.0, 1.0 + 2.2 * rows), layout="constrained")
+    grid = figure.add_gridspec(rows, 3)
+    if attitude is not None and not difference:
+        _quaternions(figure.add_subplot(grid[0, :]), attitude)
+    row = 0 if difference else rows - 1
     for axis in range(3):
-        axes = figure.add_subplot(grid[0, axis])
+        axes = figure.add_subplot(grid[row, axis])
         _course_panel(axes, rate, axis, DEGREES, difference)
         axes.set_title(f"rate about {'xyz'[axis]} of the body", loc="left", fontsize="medium")
         if axis == 0:
             axes.set_ylabel("rate [deg/s]")
-    if angles and attitude is not None:
+    if attitude is not None and difference:
         axes = figure.add_subplot(grid[1, :])
         draw_course(axes, attitude.time, DEGREES * attitude.angle, BLUE)
         axes.set_ylim(bottom=0.0)

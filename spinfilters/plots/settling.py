@@ -4,7 +4,7 @@ Surfaces, constants, courses and run time after Tweddle (2013), Figures 6-33 to 
 all epochs before it again; what it says stands in a column of a surface. A line marks the solve that closed the first loop.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Final
@@ -272,6 +272,51 @@ def costs_figure(costs: SolveCosts) -> Figure:
     """
     figure = Figure(figsize=(12.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 3)
+    _costs_by_epoch(panels[:, :2].ravel(), costs)
+    _costs_by_size(panels[:, 2], costs)
+    figure.suptitle("What every solve costs, with the covariances of all its epochs", fontsize="large")
+    legend_below(figure, [_line_handle()])
+    return figure
+
+
+def costs_by_epoch_figure(costs: SolveCosts) -> Figure:
+    """Run time of all and of each solve, landmarks and factors over the epochs (Tweddle 2013, Figure 6-42).
+
+    Parameters
+    ----------
+    costs : SolveCosts
+        By solve.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
+    figure = Figure(figsize=(8.4, 6.0), layout="constrained")
+    _costs_by_epoch(figure.subplots(2, 2).ravel(), costs)
+    return figure
+
+
+def costs_by_size_figure(costs: SolveCosts) -> Figure:
+    """Time of a solve over its factors and over its epochs (Tweddle 2013, Figure 6-43).
+
+    Parameters
+    ----------
+    costs : SolveCosts
+        By solve.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
+    figure = Figure(figsize=(8.4, 3.8), layout="constrained")
+    _costs_by_size(figure.subplots(1, 2), costs)
+    legend_below(figure, [_line_handle()])
+    return figure
+
+
+def _costs_by_epoch(panels: Iterable[Axes], costs: SolveCosts) -> None:
     solves = 1 + np.arange(len(costs.seconds))
     drawn = (
         ("time of all solves so far", "[s]", np.nancumsum(costs.seconds)),
@@ -279,32 +324,31 @@ def costs_figure(costs: SolveCosts) -> Figure:
         ("landmarks", "[-]", costs.landmarks),
         ("factors", "[-]", costs.factors),
     )
-    for axes, (title, unit, values) in zip((*panels[0, :2], *panels[1, :2]), drawn, strict=True):
+    for axes, (title, unit, values) in zip(panels, drawn, strict=True):
         axes.plot(solves, values, color=BLUE)
         axes.set_title(title, loc="left", fontsize="medium")
         axes.set(xlabel="epochs", ylabel=unit)
         axes.set_ylim(bottom=0.0)
         tidy(axes)
-    for axes, (title, values) in zip(
-        panels[:, 2],
-        (("time of a solve over its factors", costs.factors), ("time of a solve over its epochs", solves)),
-        strict=True,
-    ):
+
+
+def _costs_by_size(panels: Iterable[Axes], costs: SolveCosts) -> None:
+    solves = 1.0 + np.arange(len(costs.seconds))
+    for axes, (size, values) in zip(panels, (("factors", costs.factors), ("epochs", solves)), strict=True):
         axes.plot(values, 1e3 * costs.seconds, ".", color=BLUE, markersize=4)
         good = np.isfinite(values) & np.isfinite(costs.seconds)
         if good.sum() > 1:
             line = np.polyfit(values[good], 1e3 * costs.seconds[good], 1)
             ends = np.array([values[good].min(), values[good].max()])
             axes.plot(ends, np.polyval(line, ends), color=RED, linestyle="--", linewidth=1.2)
-        axes.set_title(title, loc="left", fontsize="medium")
-        axes.set_ylabel("[ms]")
+        axes.set_title(f"time of a solve over its {size}", loc="left", fontsize="medium")
+        axes.set(xlabel=size, ylabel="[ms]")
         axes.set_ylim(bottom=0.0)
         tidy(axes)
-    panels[0, 2].set_xlabel("factors")
-    panels[1, 2].set_xlabel("epochs")
-    figure.suptitle("What every solve costs, with the covariances of all its epochs", fontsize="large")
-    legend_below(figure, [Line2D([], [], color=RED, linestyle="--", label="straight line fitted")])
-    return figure
+
+
+def _line_handle() -> Line2D:
+    return Line2D([], [], color=RED, linestyle="--", label="straight line fitted")
 
 
 def _surface(

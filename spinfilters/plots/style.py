@@ -1,7 +1,8 @@
 """Figure style: colours for colour-blind readers, a line per estimator, saving."""
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -52,6 +54,8 @@ MOST_DRAWN: Final[int] = 8000
 """Points of a curve: four times as many as a picture has columns."""
 _DPI = 150
 _COMPRESSION = 3  # of PNG files; half the time of the usual 6
+_MAKE_TICKS: Final = "_update_ticks"
+"""Method of an axis that makes its ticks."""
 _LETTER_INCHES, _HANDLE_INCHES = 0.078, 0.75  # of a legend's entries at the default font size
 
 
@@ -385,7 +389,7 @@ def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
         with np.errstate(all="ignore"):
             save_figure(figure, path)
     except NUMERICAL_ERRORS as error:
-        save_figure(_undrawable(path.stem, error), path)
+        save_figure(_undrawable_figure(path.stem, error), path)
 
 
 def drawn(draw: Callable[[], Figure], name: str) -> Figure:
@@ -407,10 +411,10 @@ def drawn(draw: Callable[[], Figure], name: str) -> Figure:
         with ONE_DRAWS, np.errstate(all="ignore"):
             return draw()
     except (*NUMERICAL_ERRORS, InputError) as error:  # an estimated body need not be one that a model takes
-        return _undrawable(name, error)
+        return _undrawable_figure(name, error)
 
 
-def _undrawable(name: str, error: Exception) -> Figure:
+def _undrawable_figure(name: str, error: Exception) -> Figure:
     return note_figure(f"{name} cannot be drawn: {reason(error)}")
 
 
@@ -468,7 +472,7 @@ def picture_bytes(figure: Figure, form: str, **options: Any) -> bytes:
         Content of the file.
     """
     target = BytesIO()
-    with ONE_DRAWS:
+    with ONE_DRAWS, _with_kept_ticks(figure):
         if form == "png" and options.keys() <= {"dpi"}:
             _draw_png(figure, target, **options)
         else:
@@ -484,6 +488,37 @@ def _draw_png(figure: Figure, target: BytesIO, dpi: float | None = None) -> None
         FigureCanvasAgg(figure).print_png(target, pil_kwargs={"compress_level": _COMPRESSION})
     finally:
         figure.dpi = own
+
+
+@contextmanager
+def _with_kept_ticks(figure: Figure) -> Iterator[None]:
+    """Make the ticks of an axis anew only where its limits or its panel's place change, not a dozen times in a picture."""
+    axes_of = [
+        axis for axes in figure.axes if axes.name == "rectilinear" for axis in (axes.xaxis, axes.yaxis)
+    ]
+    for axis in axes_of:
+        _keep_ticks(axis)
+    try:
+        yield
+    finally:
+        for axis in axes_of:
+            vars(axis).pop(_MAKE_TICKS, None)
+
+
+def _keep_ticks(axis: Axis) -> None:
+    """Let an axis keep its ticks while its limits and its panel's place stay."""
+    update, ticks = getattr(axis, _MAKE_TICKS, None), dict[tuple[float, ...], Any]()
+    if update is None:  # another matplotlib: it draws all the same
+        return
+
+    def kept() -> Any:
+        key = (*axis.get_view_interval(), *axis.axes.bbox.bounds)
+        if key not in ticks:
+            ticks.clear()  # ticks are objects of the axis, which the next ones move
+            ticks[key] = update()
+        return ticks[key]
+
+    vars(axis)[_MAKE_TICKS] = kept
 
 
 def _legend_width(widths: Sequence[float], rows: int) -> float:

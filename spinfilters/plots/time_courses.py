@@ -185,7 +185,7 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
         axes.set_xlabel("time [s]")
     what = "estimate" if evaluation.errors is None else "error"
     figure.suptitle(
-        f"{evaluation.name.upper()}: {what} and its ±{SIGMAS:g} σ{_inside(rows, _own(evaluation, time))}",
+        f"{evaluation.name.upper()}: {what} and its ±{SIGMAS:g} σ{_share_within_bands(rows, _is_own_epoch(evaluation, time))}",
         fontsize="large",
     )
     band = Patch(color=line.color, alpha=0.2, label=f"±{SIGMAS:g} σ of the estimator")
@@ -220,13 +220,13 @@ def _panel(axes: Axes, time: np.ndarray, row: _Row, axis: int, line: EstimatorLi
     tidy(axes)
 
 
-def _own(evaluation: Evaluation, time: np.ndarray) -> Bool[np.ndarray, " n"]:
+def _is_own_epoch(evaluation: Evaluation, time: np.ndarray) -> Bool[np.ndarray, " n"]:
     """Mask of times (s) that belong to the estimator's own epochs."""
     begin = evaluation.own_begin
     return np.zeros(len(time), dtype=bool) if begin is None else time >= begin
 
 
-def _inside(rows: list[_Row], own: Bool[np.ndarray, " n"]) -> str:
+def _share_within_bands(rows: list[_Row], own: Bool[np.ndarray, " n"]) -> str:
     """Share of the estimator's own errors within the bands, in words; empty where none is known."""
     pairs = [(np.abs(row.values), SIGMAS * row.std) for row in rows if row.about_zero and row.values.any()]
     if len(pairs) < len(rows) or not own.any():
@@ -249,7 +249,7 @@ def _error_rows(evaluation: Evaluation, trajectory: Trajectory) -> list[_Row]:
         ("position [mm]", i_axes, errors.position, trajectory.std_position, 1e3),
         ("attitude [deg]", g_axes, errors.attitude, trajectory.std_attitude, DEGREES),
         ("velocity [mm/s]", i_axes, errors.velocity, trajectory.std_velocity, 1e3),
-        ("rate [deg/s]", i_axes, errors.rate, trajectory.std_rate, DEGREES),
+        ("rate in i [deg/s]", i_axes, errors.rate, trajectory.std_rate, DEGREES),
     ]
     return [
         _Row(label, names, scale * values, scale * std[kept], True)
@@ -261,7 +261,9 @@ def _error_rows(evaluation: Evaluation, trajectory: Trajectory) -> list[_Row]:
 def _estimate_rows(_: Evaluation, trajectory: Trajectory) -> list[_Row]:
     i_axes, nothing = _names("i"), np.zeros((len(trajectory.time), 3))
     attitude = _Row("attitude ± [deg]", _names("g"), nothing, DEGREES * trajectory.std_attitude, True)
-    rate = _Row("rate [deg/s]", i_axes, DEGREES * trajectory.rate_i, DEGREES * trajectory.std_rate, False)
+    rate = _Row(
+        "rate in i [deg/s]", i_axes, DEGREES * trajectory.rate_i, DEGREES * trajectory.std_rate, False
+    )
     if not trajectory.sees_position:
         return [attitude, rate]
     position = _Row("position [m]", i_axes, trajectory.position, trajectory.std_position, False)
@@ -429,8 +431,8 @@ def _growth(
     for axes, (name, unit, scale) in zip(panels, rows, strict=True):
         for each, line in zip(predicted_motions, lines, strict=True):
             before, ahead = _std(name, each)
-            line.draw(axes, _ahead(each, each.before.time), scale * before)
-            line.draw(axes, _ahead(each, each.ahead.time), scale * ahead)
+            line.draw(axes, _times_ahead(each, each.before.time), scale * before)
+            line.draw(axes, _times_ahead(each, each.ahead.time), scale * ahead)
         axes.set_title(f"σ of the {name}, all three axes together", loc="left", fontsize="medium")
         axes.set_ylabel(f"σ [{unit}]")
         axes.set_ylim(bottom=0.0)
@@ -463,7 +465,7 @@ def _rates(
     for axis, axes in enumerate(panels):
         for each, line in zip(predicted_motions, lines, strict=True):
             for rates in (each.rates_before, each.rates_ahead):
-                value, time = np.rad2deg(rates.rate[:, axis]), _ahead(each, rates.time)
+                value, time = np.rad2deg(rates.rate[:, axis]), _times_ahead(each, rates.time)
                 if rates.std is not None:
                     line.fill(axes, time, value, np.rad2deg(rates.std[:, axis]))
                 line.draw(axes, time, value)
@@ -473,5 +475,5 @@ def _rates(
     return panels
 
 
-def _ahead(each: PredictionCurves, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _times_ahead(each: PredictionCurves, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return time - each.ahead.time[0]

@@ -14,6 +14,7 @@ from spinfilters.reproduction.tweddle.comparative_studies import COMPARATIVE_STU
 from spinfilters.reproduction.tweddle.dense_model import DENSE_MODEL
 from spinfilters.reproduction.tweddle.final_deviations import FINAL_DEVIATIONS
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
+from spinfilters.reproduction.tweddle.inertia_races import INERTIA_RACES
 from spinfilters.reproduction.tweddle.mapped_body import MAPPED_BODY
 from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
 from spinfilters.reproduction.tweddle.metrology_courses import METROLOGY_COURSES
@@ -38,6 +39,7 @@ ITEMS: Final[tuple[Item, ...]] = (
     *CAMERA_CHECKOUT,
     *METROLOGY_COURSES,
     *REFERENCE_INERTIA,
+    *INERTIA_RACES,
     *METROLOGY_COMPARISON,
     *TIME_LAPSES,
     ALIGNED_MODEL,

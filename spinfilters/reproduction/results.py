@@ -2,10 +2,11 @@
 
     OUTPUT/reproduce.html            all items: printed, ours, bound, why they differ, pictures
     OUTPUT/reproduce.csv             the same rows
-    OUTPUT/ITEM/item.json            rows, note, seconds, version
+    OUTPUT/ITEM/item.json            rows, note, seconds, version, hash of the code
     OUTPUT/ITEM/rows.csv, *.csv, *.png   rows, tables and pictures
 
-An item is written as a whole or not at all; one that was made by this version is not made again, unless asked.
+An item is written as a whole or not at all; one that was made by this version and by the same code of this package is not made
+again, unless asked. `record_of` sums all up.
 """
 
 import csv
@@ -13,8 +14,11 @@ import io
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from hashlib import sha256
 from html import escape
 from pathlib import Path
 from typing import Any, Final
@@ -24,14 +28,20 @@ from spinfilters.io.input_file import path_text, read_settings_text
 from spinfilters.io.output_files import made_folder, output_folder, write_json, write_text
 from spinfilters.plots.page import image, note, page, table
 from spinfilters.plots.style import save_figure
-from spinfilters.reproduction.item import Agreement, ComparedNumber, Item, ItemResult
+from spinfilters.reproduction.item import RANKED, Agreement, ComparedNumber, Item, ItemResult
 from spinfilters.reproduction.items import ITEMS
 from spinfilters.version import __version__
 
 COMMAND: Final = "reproduce"
 ITEM_FILE, ROWS_FILE, PAGE_FILE, TABLE_FILE = "item.json", "rows.csv", "reproduce.html", "reproduce.csv"
 FAILED: Final = "failed"
-SCHEMA: Final = 1
+RESULTS: Final = (*(word.value for word in RANKED[::-1]), FAILED)
+MEANING: Final = (
+    "Compared with a printed number: agrees, better, differs. Not compared: consistent with a picture or with words; input, "
+    "a printed "
+    "number that was put in."
+)
+SCHEMA: Final = 2
 HEAD: Final = ("item", "number", "what", "unit", "printed", "ours", "bound", "result", "why")
 
 
@@ -44,7 +54,7 @@ class Finished:
     name : str
         Of the item.
     agreement : str
-        ``agrees``, ``better``, ``differs`` or ``failed``.
+        ``agrees``, ``better``, ``differs``, ``consistent``, ``input`` or ``failed``.
     document : mapping
         The content of its ``item.json``.
     kept : bool
@@ -109,16 +119,67 @@ def write_pages(folder: Path) -> None:
     lines.writerow(HEAD)
     lines.writerows(cells for document in documents for cells in _cells(document))
     write_text(folder / TABLE_FILE, text.getvalue())
-    counts = {
-        word: sum(d["result"] == word for d in documents) for word in ("agrees", "better", "differs", FAILED)
-    }
-    counted = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
-    parts = {"Result": note(f"{counted}, of {len(documents)} items")}
+    rows = [row for document in documents for row in document["rows"]]
+    parts = {"Result": note(f"{counted(documents)}, of {len(documents)} items")}
+    parts["Result"] += note(f"{counted(rows)}, of {len(rows)} rows. {MEANING}")
     parts["Result"] += table(("item", "what", "result"), [_summary(d) for d in documents], 3)
     parts |= {
         f"{d['source']}, {d['number']}: {d['title']}": _section(folder / d["name"], d) for d in documents
     }
     write_text(folder / PAGE_FILE, page(parts, "The sources' tables and figures: printed, ours, bound"))
+
+
+def counted(found: Iterable[Mapping[str, Any]]) -> str:
+    """How many items or rows end with each word, in words.
+
+    Parameters
+    ----------
+    found : iterable of mapping
+        With the key ``result``.
+    """
+    return ", ".join(f"{count} {word}" for word, count in _counts(found).items())
+
+
+def _counts(found: Iterable[Mapping[str, Any]]) -> dict[str, int]:
+    counts = Counter(str(each.get("result")) for each in found)
+    return {word: counts[word] for word in RESULTS if counts[word]}
+
+
+@cache
+def code_hash() -> str:
+    """SHA-256 of the modules of this package, their names included."""
+    folder, found = Path(__file__).parent, sha256()
+    for path in sorted(folder.rglob("*.py")):
+        found.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return found.hexdigest()
+
+
+def record_of(found: Sequence[Finished], date: str) -> dict[str, Any]:
+    """Summary of made items: which code made them, when, and how each compares.
+
+    Parameters
+    ----------
+    found : sequence of Finished
+        What `reproduce` returned.
+    date : str
+        ISO 8601.
+    """
+    rows = [row for each in found for row in each.document["rows"]]
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "date": date,
+        "code": code_hash(),
+        "counts": {"items": _counts(each.document for each in found), "rows": _counts(rows)},
+        "items": {
+            each.name: {
+                "result": each.agreement,
+                "rows": _counts(each.document["rows"]),
+                "processor_s": each.document.get("processor_s"),
+            }
+            for each in found
+        },
+    }
 
 
 def _make(item: Item, place: Path) -> Finished:
@@ -130,7 +191,7 @@ def _make(item: Item, place: Path) -> Finished:
         "number": item.number,
         "title": item.title,
     }
-    document |= {"schema": SCHEMA, "version": __version__}
+    document |= {"schema": SCHEMA, "version": __version__, "code": code_hash()}
     outcome: ItemResult | None = None
     try:
         outcome = item.make()
@@ -164,7 +225,8 @@ def _row_document(row: ComparedNumber) -> dict[str, Any]:
         if row.expected is None
         else [None if math.isinf(each) else each for each in row.expected],
         "ours": float(row.ours),
-        "bound": row.bound,
+        "bound": None if isinstance(row.bound, str) else row.bound,
+        "no_bound": row.bound if isinstance(row.bound, str) else "",
         "result": row.agreement.value,
         "why": row.why if row.agreement is Agreement.DIFFERS else "",
     }
@@ -180,9 +242,12 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _read_current(place: Path) -> Mapping[str, Any] | None:
-    """The document that an earlier call of this version wrote for an item; None without one, or where it failed."""
+    """The document that an earlier call of the same code wrote for an item; None without one, or where it failed."""
     document = _read_document(place)
-    if document is None or (document.get("schema"), document.get("version")) != (SCHEMA, __version__):
+    if document is None:
+        return None
+    made_by = tuple(document.get(key) for key in ("schema", "version", "code"))
+    if made_by != (SCHEMA, __version__, code_hash()):
         return None
     return None if document["result"] == FAILED else document
 
@@ -233,7 +298,11 @@ def _cells(document: Mapping[str, Any]) -> Iterator[list[str]]:
     for row in document["rows"]:
         printed = row.get("printed")
         shown = f"{_number(printed)}" if printed is not None else _interval(row.get("shown"))
-        numbers = [shown, _number(row.get("ours")), _number(row.get("bound"))]
+        numbers = [
+            shown,
+            _number(row.get("ours")),
+            _number(row.get("bound")) or str(row.get("no_bound") or ""),
+        ]
         words = [str(row.get(key) or "") for key in ("what", "unit", "result", "why")]
         yield [document["name"], document["number"], words[0], words[1], *numbers, words[2], words[3]]
 

@@ -92,9 +92,9 @@ def fingerprint_of(
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
     if there["estimator"] != here["estimator"]:
         yield f"is of the estimator {value_text(there['estimator'])}, not of {here['estimator']}; put it back, {ANEW}"
-    for name, was, is_now in _changed(there["versions"], here["versions"]):
+    for name, was, is_now in _list_changes(there["versions"], here["versions"]):
         yield f"was made with {name} {was}, this is {is_now}; resume with the former, {ANEW}"
-    for name, was, is_now in _changed(there["settings"], here["settings"]):
+    for name, was, is_now in _list_changes(there["settings"], here["settings"]):
         yield f"was made with {name} = {was}, now it is {is_now}; set it back, {ANEW}"
     if there["measurements"] != here["measurements"]:
         yield (
@@ -108,11 +108,11 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[
         )
 
 
-def _changed(there: Any, here: Any, path: str = "") -> Iterator[tuple[str, str, str]]:
+def _list_changes(there: Any, here: Any, path: str = "") -> Iterator[tuple[str, str, str]]:
     """Name, former and present value of everything that differs in two documents of nested tables."""
     if isinstance(there, dict) and isinstance(here, dict):
         for key in sorted({*there, *here}):
-            yield from _changed(there.get(key), here.get(key), f"{path}.{key}" if path else str(key))
+            yield from _list_changes(there.get(key), here.get(key), f"{path}.{key}" if path else str(key))
     elif there != here:
         yield path, value_text(there), value_text(here)
 

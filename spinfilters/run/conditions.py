@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.attitude_conversions import angle_between, integrate_gyro, inverse, multiply
+from spinfilters.evaluation.epoch_spans import clock_text
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.inference.identified_noise import smallest_level
 from spinfilters.inference.setup import Setup
@@ -248,8 +249,8 @@ class Conditions:
         known = "" if self.landmarks is None else f" ({self.landmarks} landmarks)"
         first = [] if self.map is None else [f"Map {self.map}{known}."]
         first += [] if self.seed is None else [f"Seed {self.seed}."]
-        noise = f"Noise: {_listed(self.sensors)}; disturbances: {_listed(self.disturbances)}."
-        counted = [_counted(each) for each in self.calibration if each.std > 0]
+        noise = f"Noise: {_list_noise(self.sensors)}; disturbances: {_list_noise(self.disturbances)}."
+        counted = [_describe_parameter(each) for each in self.calibration if each.std > 0]
         calibration = [f"Deviations include errors of {', '.join(counted)}."] if counted else []
         assumed = [each.parameter.name for each in self.calibration if each.std > 0 and each.source == PRIOR]
         grown = enlarged_words(self.calibration)
@@ -260,10 +261,11 @@ class Conditions:
             calibration.append(
                 f"If the calibration is exact (a simulation of your own), state [calibration] {keys}."
             )
-        absent = [_absent(each) for each in self.sensors if each.is_absent]
+        absent = [_describe_assumed_noise(each) for each in self.sensors if each.is_absent]
         if self.belief_at is not None:
             first.append(
-                f"Every estimator starts from the stated belief at t = {self.belief_at:.6g} s; no first epochs are smoothed."
+                f"Every estimator starts from the stated belief at t = {clock_text(self.belief_at)} s; "
+                "no first epochs are smoothed."
             )
         return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 
@@ -352,14 +354,14 @@ def _source(name: str, setup: Setup) -> str:
     return IDENTIFIED if name in by_rates else PRIOR
 
 
-def _counted(considered: ConsideredDeviation) -> str:
+def _describe_parameter(considered: ConsideredDeviation) -> str:
     """Name and deviation of a parameter in words."""
     parameter, std = considered.parameter, considered.std
     size = f"{100 * std:.2g} %" if parameter.unit == "1" else f"{std:.2g} {parameter.unit}"
     return f"{parameter.words} {size}{' (assumed)' if considered.source == PRIOR else ''}"
 
 
-def _absent(noise: StatedNoise) -> str:
+def _describe_assumed_noise(noise: StatedNoise) -> str:
     """Sentence on the noise that is assumed of a sensor without any, and how to state another."""
     return (
         f"No noise is seen in the {noise.label} (a simulation without noise?): {noise.value:.1g} {noise.unit} is assumed, and NIS "
@@ -367,5 +369,5 @@ def _absent(noise: StatedNoise) -> str:
     )
 
 
-def _listed(noise: tuple[StatedNoise, ...]) -> str:
+def _list_noise(noise: tuple[StatedNoise, ...]) -> str:
     return ", ".join(each.words for each in noise)

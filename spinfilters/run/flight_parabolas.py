@@ -84,12 +84,12 @@ def leads_on(
     if margin < 1 or len(time) - 1 - 2 * margin < FEWEST:
         return good
     rates, middle = _body_rates(time, attitude), (time[1:] + time[:-1]) / 2
-    good[: _departing(middle, rates, margin)] = False
-    good[len(time) - _departing(-middle[::-1], rates[::-1], margin) :] = False
+    good[: _count_departing(middle, rates, margin)] = False
+    good[len(time) - _count_departing(-middle[::-1], rates[::-1], margin) :] = False
     return good
 
 
-def _departing(time: Float[np.ndarray, " r"], rates: Float[np.ndarray, "r 3"], margin: int) -> int:
+def _count_departing(time: Float[np.ndarray, " r"], rates: Float[np.ndarray, "r 3"], margin: int) -> int:
     """Number of leading rates, up to ``margin``, off the parabola of those behind."""
     angle = np.linalg.norm(np.median(rates[margin : len(rates) - margin], axis=0)) * np.abs(time - time[0])
     last = max(margin + FEWEST, int(np.searchsorted(angle, REACH)))
@@ -192,7 +192,7 @@ def _falling(log: PoseLog, piece: Stretch) -> list[Stretch]:
     solution, error = fit_parabola(log, starts, ends, None)
     strength = np.linalg.norm(solution[:, 9:12], axis=1)
     near = np.abs(strength - GRAVITY) <= GRAVITY_TOLERANCE * GRAVITY
-    gravity = _agreed(solution[near & (error <= LARGEST_ERROR * log.noise), 9:12])
+    gravity = _agreed_acceleration(solution[near & (error <= LARGEST_ERROR * log.noise), 9:12])
     if gravity is None:
         return []
     return _flights(log, piece, gravity, 1.0)
@@ -215,7 +215,7 @@ def _flights(log: PoseLog, piece: Stretch, gravity: Float[np.ndarray, " 3"], fac
     _, error = fit_parabola(log, starts, ends, gravity)
     found: list[Stretch] = []
     for each in _stretches(error <= LARGEST_ERROR * log.noise, starts, ends):
-        trimmed = _trimmed(log, each)
+        trimmed = _trim_stretch(log, each)
         if len(trimmed) >= PARABOLA_FEWEST and _falls(log, trimmed, gravity):
             found.append(_let_go(log, trimmed))
         elif len(each) > ends[0] - starts[0]:
@@ -260,7 +260,7 @@ def _windows(
     return starts + piece.start, last[starts] + 1 + piece.start
 
 
-def _agreed(found: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " 3"] | None:
+def _agreed_acceleration(found: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " 3"] | None:
     """The acceleration with most others about it, as their median; None of none."""
     if not len(found):
         return None
@@ -334,7 +334,7 @@ def _prior(log: PoseLog, unknowns: int) -> Float[np.ndarray, "unknowns unknowns"
     return information
 
 
-def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
+def _trim_stretch(log: PoseLog, stretch: Stretch) -> Stretch:
     """The stretch without end samples that are off its middle's parabola, or before which the rotation jumps."""
     margin = max(FEWEST_ENDS, len(stretch) // ENDS)
     core = np.arange(stretch.start + margin, stretch.end - margin)

@@ -243,7 +243,7 @@ class OptionalOutputs:
     ) -> None:
         """Write into the folder of a written run; `lacking` lists what could not be made. Raises InputError."""
         evaluations = comparison.evaluations
-        compared = self._compared([each.history for each in evaluations])
+        compared = self._compare_with_reference([each.history for each in evaluations])
         if self.predict_s is not None:
             self._write_predictions(
                 folder, comparison.setup.process, evaluations, self.predict_s, compared, with_figures
@@ -255,7 +255,7 @@ class OptionalOutputs:
         if compared is not None:
             write_reference(folder, compared, with_figures)
 
-    def _compared(self, histories: Sequence[EstimateHistory]) -> ReferenceComparisons | None:
+    def _compare_with_reference(self, histories: Sequence[EstimateHistory]) -> ReferenceComparisons | None:
         """Every estimator against the reference, once for its own files and for predictions; None without one."""
         return None if self.reference is None else compare_histories(histories, self.reference)
 
@@ -308,7 +308,7 @@ class OptionalOutputs:
             made.append(EXPLANATIONS_FILE)
         compared = None
         if self.reference is not None:
-            compared = self._compared(read_histories(folder, settings.estimators))
+            compared = self._compare_with_reference(read_histories(folder, settings.estimators))
         if self.predict_s is not None:
             process = read_process(folder, settings.process.tolerance)
             evaluations = read_figure_data(folder).evaluations

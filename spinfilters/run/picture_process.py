@@ -89,9 +89,12 @@ class PictureProcess:
 
 @contextmanager
 def picture_processes(wanted: bool) -> Iterator[list[PictureProcess]]:
-    """Processes beside this one, one for each further core; none where not wanted or where none can be started.
+    """Processes in addition to this one, one for each further core; none where not wanted or where none can be started.
 
-    InputError: the environment variable `PROCESSES` is no such number.
+    Raises
+    ------
+    InputError
+        The environment variable `PROCESSES` is not a whole number in its range.
     """
     processes: list[PictureProcess] = []
     count = _further_processes() if wanted else 0

@@ -142,7 +142,9 @@ def write_predictions(
     for each in predicted:
         write_history(folder / each.name / ARRAYS, each)
         if len(each.time) > 1:
-            write_trajectory_csv(folder / each.name / TABLE, trajectory_of(_cut(each, slice(1, None))))
+            write_trajectory_csv(
+                folder / each.name / TABLE, trajectory_of(_cut_history(each, slice(1, None)))
+            )
         else:
             (folder / each.name / TABLE).unlink(missing_ok=True)
     compared = _compared_with_truth(good, predicted)
@@ -344,7 +346,7 @@ def _predicted_motion(
         axes = body_estimate(pairs[0][0].belief(-1)).principal_axes_g
         past = PAST * float(ahead.time[-1] - ahead.time[0])
         begin = max(int(np.searchsorted(known.time, known.time[-1] - past)), known.initialisation)
-        before = _cut(known, slice(min(begin, len(known.time) - 1), None))
+        before = _cut_history(known, slice(min(begin, len(known.time) - 1), None))
         found.append(
             PredictionCurves(
                 trajectory_of(before),
@@ -356,7 +358,7 @@ def _predicted_motion(
     return found
 
 
-def _cut(history: EstimateHistory, rows: slice) -> EstimateHistory:
+def _cut_history(history: EstimateHistory, rows: slice) -> EstimateHistory:
     """A history cut to some epochs."""
     beliefs = GrowingHistory(history.layout, float(history.time[0]))
     for k in range(*rows.indices(len(history.time))):

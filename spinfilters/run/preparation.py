@@ -154,7 +154,7 @@ def setup_beside(setup: Setup, settings: Settings) -> Setup:
     )
 
 
-def _compared(setup: Setup, settings: Settings) -> Setup | None:
+def _setup_or_none(setup: Setup, settings: Settings) -> Setup | None:
     """`setup_beside`; None where these settings fail, which the caller's own settings would report."""
     try:
         return setup_beside(setup, settings)
@@ -178,7 +178,7 @@ def with_likelier_drag(dataset: Dataset, settings: Settings) -> Settings:
         return replace(settings, process=replace(settings.process, drag=False))
     costs = {}
     for law in (False, *LAWS):
-        setup = _compared(first, _with_drag(settings, law))
+        setup = _setup_or_none(first, _with_drag(settings, law))
         costs[law] = np.inf if setup is None else cost_of_first_epochs(setup)
     best = min(LAWS, key=costs.__getitem__)
     is_identified = np.isfinite(costs[best]) and costs[best] < costs[False] - LEAST_FALL
@@ -245,7 +245,7 @@ def with_acceleration_if_identified(setup: Setup, settings: Settings) -> Setup:
     if not any(each.accelerates for each in explanations):  # then the fits without one need not be made
         return setup
     for std in (CENTRE_OF_MASS.prior_std, CENTRE_STDS[0]):
-        without = _compared(setup, _with_gravity(settings, False, std))
+        without = _setup_or_none(setup, _with_gravity(settings, False, std))
         explanations.append(AccelerationExplanation(std, _cost(without), accelerates=False))
     least = min(each.cost for each in explanations)
     alike = [each for each in explanations if each.cost <= least + ALIKE]
@@ -262,7 +262,7 @@ def explanations_with_acceleration(setup: Setup, settings: Settings) -> list[Acc
     """
     stds = (CENTRE_OF_MASS.prior_std, *CENTRE_STDS)
     for k, widest in enumerate(stds):
-        accelerated = _compared(setup, _with_gravity(settings, True, widest))
+        accelerated = _setup_or_none(setup, _with_gravity(settings, True, widest))
         cost = _cost(accelerated)
         if accelerated is None or not np.isfinite(cost):
             continue

@@ -227,7 +227,8 @@ def last_belief(folder: Path) -> LastBelief:
         raise not_whole(run, error) from None
     (history,) = read_histories(run, [name])
     belief = history.belief(len(history.time) - 1)
-    return LastBelief(f"the last state of {name} in {run.name}", belief, noise)
+    source = f"the last state of {name} in {run.name}, at t = {float(history.time[-1]):.3f} s of its clock"
+    return LastBelief(source, belief, noise)
 
 
 def figure_data_of(comparison: Comparison) -> FigureData:

@@ -14,6 +14,7 @@ from spinfilters.evaluation.epoch_spans import (
     second_half,
     shared_begin,
     shared_span,
+    use_by_sensor,
 )
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import ERRORS, Metric, metrics
@@ -45,8 +46,17 @@ def summary(comparison: Comparison) -> dict[str, Any]:
         "conditions": conditions.document,
         "identical_measurements": on_identical_measurements(evaluations),
         "start": _start(setup),
-        "estimators": {e.name: {**_estimator(e, shared), "noise": _noise(told, e)} for e in evaluations},
+        "estimators": {
+            e.name: {**_with_sensors(_estimator(e, shared), e, setup), "noise": _noise(told, e)}
+            for e in evaluations
+        },
     }
+
+
+def _with_sensors(document: dict[str, Any], evaluation: Evaluation, setup: Setup) -> dict[str, Any]:
+    """An estimator's numbers, with its measurements by sensor beside those of all."""
+    document["measurements"]["by_sensor"] = use_by_sensor(evaluation.history, setup.timeline)
+    return document
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

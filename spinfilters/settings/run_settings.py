@@ -85,7 +85,8 @@ class _OptionsOfEveryState:
         (of frame g in i, m), attitude (q_ig), velocity (of the centre of mass, m/s), rate (rad/s, g axes), center_of_mass (m, g),
         and mass_distribution or principal_moments (about the axes of g).
     std : dict
-        Standard deviations of that belief, by block.
+        Standard deviations of that belief, by block. Without them velocity, centre of mass and mass distribution have speed_std,
+        centre_std and mass_std; the others must be stated.
     covariance : tuple of tuples of float
         Covariance instead of standard deviations, of the errors in the order of the state.
     from_truth : bool

@@ -65,10 +65,14 @@ def field_words(record: type) -> dict[str, str]:
     """
     if record is SensorSettings:
         return {
-            name: f"Standard deviation of the noise: {each.words}." for name, each in noise_options().items()
+            name: f"Standard deviation of the noise: {each.words}. {each.remark}".rstrip()
+            for name, each in noise_options().items()
         }
     if record is CalibrationSettings:
-        return {name: f"Standard deviation of {each.words}." for name, each in consider_parameters().items()}
+        return {
+            name: f"Standard deviation of {each.words}. {each.remark}".rstrip()
+            for name, each in consider_parameters().items()
+        }
     found = {each.prior_option: f"Prior deviation of {each.phrase}, {each.unit}." for each in BLOCKS.values()}
     found = {name: text for name, text in found.items() if name in record.__annotations__}
     for owner in reversed(record.__mro__):

@@ -126,7 +126,7 @@ def board_images(
             if side:
                 pose = rig.relative_rotation @ R, rig.relative_rotation @ place + rig.relative_position
             noise = 2 * generator.standard_normal((camera.height, camera.width))
-            images[side].append(np.clip(_rendered(rays, board, pose) + noise, 0, 255).astype(np.uint8))
+            images[side].append(np.clip(_render_board(rays, board, pose) + noise, 0, 255).astype(np.uint8))
     return images
 
 
@@ -142,7 +142,7 @@ def _rays(camera: RawCamera, finer: int = 2) -> Float[np.ndarray, "h f w f 3"]:
     return np.column_stack([rays, np.ones(len(rays))]).reshape(camera.height, finer, camera.width, finer, 3)
 
 
-def _rendered(
+def _render_board(
     rays: Float[np.ndarray, "h f w f 3"], board: Board, pose: BoardPose
 ) -> Float[np.ndarray, "h w"]:
     """Grey values of a chessboard on a white sheet."""

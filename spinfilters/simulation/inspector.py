@@ -206,7 +206,7 @@ class InspectorError:
     smallest: float = 1e-6
 
 
-def _late(told: ToldPoses, size: float) -> ToldPoses:
+def _delay_poses(told: ToldPoses, size: float) -> ToldPoses:
     return replace(told, path=lambda time: told.path(time - size))
 
 
@@ -251,7 +251,7 @@ def _sparse(told: ToldPoses, size: float) -> ToldPoses:
 
 INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
     {
-        "late": InspectorError("poses are stamped so many s late", _late, largest=MOST_LATE),
+        "late": InspectorError("poses are stamped so many s late", _delay_poses, largest=MOST_LATE),
         "turning": InspectorError(
             "attitudes drift by so many rad over the recording", _turning, largest=np.pi
         ),

@@ -309,7 +309,7 @@ class Scanner:
         time = start + setting.duration * np.arange(count) / count
         fired, read = setting.noise.drawn_angles(count, generator)
         beams = unit_vectors(rays.azimuth + fired[:, 0], rays.elevation + fired[:, 1])
-        hits, normals = self._hits(motion, time, beams)
+        hits, normals = self._trace_hits(motion, time, beams)
         flag = setting.losses.flags(beams, normals, hits.distance, generator)
         noise = setting.noise.range_std * generator.standard_normal(count) + setting.noise.range_bias
         clutter = generator.random(count) < setting.losses.clutter
@@ -327,7 +327,7 @@ class Scanner:
         }
         return Scan(time, azimuth, elevation, distance, intensity, flag, rays.window, metadata=metadata)
 
-    def _hits(
+    def _trace_hits(
         self, motion: BodyMotion, time: Float[np.ndarray, " n"], beams: Float[np.ndarray, "n 3"]
     ) -> tuple[RayHits, Float[np.ndarray, "n 3"]]:
         """Hits of the rays, traced in the mesh's frame, and normals in frame L of the triangles that they hit."""

@@ -151,7 +151,7 @@ class PointsAtInfinity(Fault):
             np.tile(_ids(stream).max() + 1 + np.arange(self.count), len(times)),
             np.tile(self.pixel_std**2 * np.eye(exact.shape[1]), (len(exact), 1, 1)),
         )
-        return with_stream(dataset, _merged(stream, far))
+        return with_stream(dataset, _merge_streams(stream, far))
 
 
 def landmark_stream(dataset: Dataset) -> MeasurementStream:
@@ -164,7 +164,7 @@ def landmark_stream(dataset: Dataset) -> MeasurementStream:
     )
 
 
-def _merged(stream: MeasurementStream, more: MeasurementStream) -> MeasurementStream:
+def _merge_streams(stream: MeasurementStream, more: MeasurementStream) -> MeasurementStream:
     """Rows of both in the order of time; covariances where the first has them."""
     time = np.concatenate([stream.time, more.time])
     order = np.argsort(time, kind="stable")
@@ -248,7 +248,7 @@ class GrossError(Fault):
             )
         rows = epochs[self.epoch]
         if self.kind == "identity":
-            return with_stream(dataset, _exchanged(stream, rows, generator))
+            return with_stream(dataset, _exchange_ids(stream, rows, generator))
         values, row = stream.values.copy(), int(generator.choice(rows))
         if self.kind == MISSING:
             return with_stream(dataset, stream_rows(stream, np.delete(np.arange(len(stream)), row)))
@@ -268,7 +268,7 @@ class GrossError(Fault):
         return sensor.turned(right, angle * axis / np.linalg.norm(axis))
 
 
-def _exchanged(
+def _exchange_ids(
     stream: MeasurementStream, rows: np.ndarray, generator: np.random.Generator
 ) -> MeasurementStream:
     """Two landmarks of these rows with each other's ids."""

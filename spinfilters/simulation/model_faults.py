@@ -282,7 +282,7 @@ RIGHT: Final = np.array([0.0, 0.0, 1.0])
 Pixels = Float[np.ndarray, "n 3"]
 
 
-def _projected(points: Pixels, calibration: Float[np.ndarray, " c"], k1: float = 0.0) -> Pixels:
+def _project_points(points: Pixels, calibration: Float[np.ndarray, " c"], k1: float = 0.0) -> Pixels:
     """(u_left, v, u_right) px, of a lens with x (1 + k1 r^2)."""
     fx, fy, cx, cy, baseline = calibration[:5]
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
@@ -296,7 +296,7 @@ def _pixel_change(view: FaultyView, k1: float = 0.0, **by: float) -> Pixels:
     other = view.calibration.copy()
     for name, value in by.items():
         other[NAMES.index(name)] += value
-    return _projected(view.points, other, k1) - _projected(view.points, view.calibration)
+    return _project_points(view.points, other, k1) - _project_points(view.points, view.calibration)
 
 
 def _focal(view: FaultyView) -> Pixels:
@@ -315,12 +315,12 @@ def _baseline(view: FaultyView) -> Pixels:
     return _pixel_change(view, baseline=view.size * view.calibration[4])
 
 
-def _late(view: FaultyView) -> Pixels:
-    ahead = _projected(view.points + view.size * view.per_second, view.calibration)
-    return (ahead - _projected(view.points, view.calibration)) * RIGHT
+def _delay_view(view: FaultyView) -> Pixels:
+    ahead = _project_points(view.points + view.size * view.per_second, view.calibration)
+    return (ahead - _project_points(view.points, view.calibration)) * RIGHT
 
 
-def _turned(view: FaultyView) -> Pixels:
+def _rotate_camera(view: FaultyView) -> Pixels:
     x = (view.points[:, 0] - view.calibration[4]) / view.points[:, 2]
     y = view.points[:, 1] / view.points[:, 2]
     by = view.size * view.calibration[0] * (0.3 * (1 + x * x) + x * y + y)
@@ -343,8 +343,8 @@ def _rescale_lengths(dataset: Dataset, size: float) -> Dataset:
 
 CAMERA_FAULTS: Final = (
     ModelFault("camera-shake", 1.0, ONLY, pixels=_shake),
-    ModelFault("right-camera-late", 5e-3, ONLY, pixels=_late),
-    ModelFault("right-camera-turned", 5e-3, ONLY, pixels=_turned),
+    ModelFault("right-camera-late", 5e-3, ONLY, pixels=_delay_view),
+    ModelFault("right-camera-turned", 5e-3, ONLY, pixels=_rotate_camera),
     ModelFault("focal-length", 0.03, ONLY, pixels=_focal),
     ModelFault("principal-point", 5.0, ONLY, pixels=_centre),
     ModelFault("distortion", 0.1, ONLY, pixels=_distorted),

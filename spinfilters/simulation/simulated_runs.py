@@ -65,9 +65,9 @@ def simulate_runs(
             seen = motion if not scenario.beside else motion.at(own)
             made = simulated_stream(scenario, kind, seen, surface, generator).stream
             sensors.setdefault(made.sensor, []).append(made)
-    every = _shifted(time, len(states), period)
+    every = _shift_times(time, len(states), period)
     motion = Motion(layout, every, states.reshape(len(every), -1))
-    log = MeasurementLog(tuple(_joined(streams, period) for streams in sensors.values()))
+    log = MeasurementLog(tuple(_join_runs(streams, period) for streams in sensors.values()))
     return SimulatedRuns(log, truth_of(scenario, motion), len(time), period)
 
 
@@ -92,19 +92,19 @@ def _motions(
     return process.disturbed_paths(np.tile(start, (len(normal), 1)), scenario.interval, normal)
 
 
-def _joined(streams: Sequence[MeasurementStream], period: float) -> MeasurementStream:
+def _join_runs(streams: Sequence[MeasurementStream], period: float) -> MeasurementStream:
     """One sensor's measurements, one run behind the other."""
     first = streams[0]
     covariances = [each.covariance for each in streams if each.covariance is not None]
     return MeasurementStream(
         first.sensor,
-        _shifted(first.time, len(streams), period),
+        _shift_times(first.time, len(streams), period),
         np.concatenate([each.values for each in streams]),
         None,
         np.concatenate(covariances) if covariances else None,
     )
 
 
-def _shifted(time: Float[np.ndarray, " n"], runs: int, period: float) -> Float[np.ndarray, " k"]:
+def _shift_times(time: Float[np.ndarray, " n"], runs: int, period: float) -> Float[np.ndarray, " k"]:
     """Times of all runs, s."""
     return (time + period * np.arange(runs)[:, np.newaxis]).ravel()

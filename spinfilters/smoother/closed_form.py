@@ -101,13 +101,13 @@ def initial_motion(samples: MotionSamples, epochs: int) -> InitialMotion:
         return InitialMotion(time, attitude, samples.rates, positions, defines_attitude=True)
     if samples.rates is not None:
         return InitialMotion(time, samples.attitude, samples.rates, positions)
-    rates = _differenced(time, samples.attitude, samples.shared)
+    rates = _differentiate_attitudes(time, samples.attitude, samples.shared)
     near = ~np.isnan(rates[:, 0])
     positions = None if positions is None else positions[near]
     return InitialMotion(time[near], samples.attitude[near], rates[near], positions)
 
 
-def _differenced(
+def _differentiate_attitudes(
     time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"], shared: Int[np.ndarray, " k"] | None
 ) -> Float[np.ndarray, "k 3"]:
     """Body rates of attitudes; NaN of one that is too far from both neighbours.

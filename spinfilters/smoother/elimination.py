@@ -334,11 +334,11 @@ class VelocityElimination:
         # What the separator leaves to each epoch: y_k - X_k dx.
         right = self.coupling[:, :, -1] - self.coupling[:, :, : width - 1] @ separator_step
         if library is None:
-            return self._back(right)
+            return self._solve_backwards(right)
         library.solve_velocities(*right.shape, *map(address, (self.information_sqrts, self.next, right)))
         return right
 
-    def _back(self, right: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
+    def _solve_backwards(self, right: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
         # From the last epoch on, L_k' dv_k = right_k - F_k dv_k+1.
         for k in range(len(right) - 1, -1, -1):
             if k + 1 < len(right):
@@ -368,7 +368,7 @@ def eliminate_velocities(
     (K, v, width), library = G.shape, kernels()
     begin = np.zeros(K, dtype=np.int64)
     if library is None:
-        return VelocityElimination(D, E, G, begin, pose, reach, _eliminated(D, E, G))
+        return VelocityElimination(D, E, G, begin, pose, reach, _eliminate_in_place(D, E, G))
     blocks = K if pose else 0
     failed = library.eliminate_velocities(
         *(K, v, pose, blocks, width, reach),
@@ -380,7 +380,7 @@ def eliminate_velocities(
     return VelocityElimination(D, E, G, begin, pose, reach, int(failed) - 1)
 
 
-def _eliminated(D: np.ndarray, E: np.ndarray, G: np.ndarray) -> int:
+def _eliminate_in_place(D: np.ndarray, E: np.ndarray, G: np.ndarray) -> int:
     """`eliminate_velocities` for machines without a compiler, in place."""
     for k in range(len(D)):
         # Schur complement of the epoch before: D_k - F_k-1' F_k-1, and its coupling to what remains G_k - F_k-1' X_k-1.

@@ -144,7 +144,7 @@ def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: i
     kept = np.flatnonzero(keep)
     # by landmark, and of one landmark by epoch: the order in which elimination takes them
     order = kept[np.lexsort((seen.epoch[kept], landmark[kept]))]
-    groups = tuple(_chosen(group, order, len(keep)) for group in seen.groups)
+    groups = tuple(_choose_group(group, order, len(keep)) for group in seen.groups)
     return LandmarkObservations(
         seen.epoch[order],
         landmark[order],
@@ -161,7 +161,7 @@ def seen_ids(epochs: Timeline) -> Int[np.ndarray, " s"]:
     return np.concatenate([np.zeros(0, dtype=int), *found])
 
 
-def _chosen(group: SensorGroup, order: Int[np.ndarray, " N"], count: int) -> SensorGroup:
+def _choose_group(group: SensorGroup, order: Int[np.ndarray, " N"], count: int) -> SensorGroup:
     """A group's part of a choice, in the order of the choice."""
     # place within the group of every observation, -1 of another group's
     inside = np.full(count, -1)
@@ -251,7 +251,7 @@ def reinitialised(
     gate : float
         Mahalanobis distance within which two observations' own points agree.
     """
-    rows = _lost(observations, inliers)
+    rows = _find_lost(observations, inliers)
     if not len(rows):
         return None
     rows, own, covariance_sqrt = _own_points(observations, trajectory, rows)
@@ -278,7 +278,7 @@ def reinitialised(
     return moved
 
 
-def _lost(observations: LandmarkObservations, inliers: Bool[np.ndarray, " N"]) -> Int[np.ndarray, " r"]:
+def _find_lost(observations: LandmarkObservations, inliers: Bool[np.ndarray, " N"]) -> Int[np.ndarray, " r"]:
     """Observations of landmarks with fewer than two inliers, and with two observations that may agree."""
     every = np.diff(observations.start)
     hits = np.bincount(observations.landmark[inliers], minlength=len(every))

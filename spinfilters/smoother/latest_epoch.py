@@ -133,14 +133,16 @@ def latest_pose(
     layout = problem.layout
     state = trajectory[-1]
     predicted = np.concatenate([state[layout.mean_slice("t")], state[layout.mean_slice("a")]])
-    pose = _refitted(matches, predicted)
+    pose = _refit_pose(matches, predicted)
     if pose is None or matches.agreeing(pose, AGREEMENT).mean() < CLEAR_SHARE:
-        other = _refitted(matches, _best_of_triples(matches))
-        pose = _better(matches, pose, other)
+        other = _refit_pose(matches, _best_of_triples(matches))
+        pose = _choose_better(matches, pose, other)
     return pose
 
 
-def _better(matches: _LatestMatches, one: np.ndarray | None, other: np.ndarray | None) -> np.ndarray | None:
+def _choose_better(
+    matches: _LatestMatches, one: np.ndarray | None, other: np.ndarray | None
+) -> np.ndarray | None:
     """The pose that more matches agree with."""
     if one is None or other is None:
         return other if one is None else one
@@ -172,7 +174,7 @@ def _matches(problem: Problem, trajectory: np.ndarray, points: np.ndarray) -> _L
     return _LatestMatches(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def _refitted(matches: _LatestMatches, pose: Float[np.ndarray, " 7"]) -> Float[np.ndarray, " 7"] | None:
+def _refit_pose(matches: _LatestMatches, pose: Float[np.ndarray, " 7"]) -> Float[np.ndarray, " 7"] | None:
     """Fitted again and again to what agrees with it; None where too little does."""
     weight = np.square(matches.whitening).sum(axis=(1, 2))
     for bound in np.linspace(ROUGH_AGREEMENT, AGREEMENT, REFITS):

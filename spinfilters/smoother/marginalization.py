@@ -139,7 +139,7 @@ def without_oldest(
     # Everything that involves a removed epoch: its step, its prior and landmark-free rows, its landmarks' remainder.
     rows = [spread_step(linear.point.dynamics.rows[k], k, count, ordering) for k in range(count)]
     for k in range(count):
-        rows += [spread_epoch(part, k, count, ordering) for part in _alone(problem.motion, k, here)]
+        rows += [spread_epoch(part, k, count, ordering) for part in _rows_of_epoch(problem.motion, k, here)]
     if landmarks.any():
         rows.append(spread_poses(_of_landmarks(linear, landmarks, ordering), ordering, more))
     new = _at_first_estimates(np.concatenate(rows), ordering, first, here, more)
@@ -270,7 +270,7 @@ def _at_first_estimates(
     return result
 
 
-def _alone(
+def _rows_of_epoch(
     motion: EpochFactors, k: int, trajectory: Float[np.ndarray, "k m"]
 ) -> list[Float[np.ndarray, "r w"]]:
     """Rows of epoch k's sensors, and of the prior for the first."""

@@ -237,7 +237,7 @@ class MassSampler:
             if there is None:
                 break
             for _ in range(2):  # Newton's step across the ridge
-                there_across = self._across(there, direction)
+                there_across = self._step_across(there, direction)
                 if np.linalg.norm(there_across) < 0.1 * length:
                     break
                 moved = self.node(self.moved(there, there_across))
@@ -255,7 +255,7 @@ class MassSampler:
             here = there
         return nodes
 
-    def _across(self, node: MassNode, direction: Float[np.ndarray, " 5"]) -> Float[np.ndarray, " 5"]:
+    def _step_across(self, node: MassNode, direction: Float[np.ndarray, " 5"]) -> Float[np.ndarray, " 5"]:
         """Newton's step without its part along a direction, capped."""
         along = node.covariance @ direction
         step = node.step - along * (direction @ node.step) / (direction @ along)

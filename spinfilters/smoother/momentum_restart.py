@@ -101,7 +101,7 @@ def restarted_from_momentum(
         candidates.append(found.point)
         if fits(found.point, found.normal):
             break
-    return _best(problem, window, candidates, linear.normal.stage), count
+    return _choose_best(problem, window, candidates, linear.normal.stage), count
 
 
 def _leads_to(
@@ -114,7 +114,7 @@ def _leads_to(
     return optimum is not None and optimum.rise(layout.local(trajectory, point.trajectory)) < KNOWN
 
 
-def _best(
+def _choose_best(
     problem: Problem, window: Window, candidates: list[LinearizationPoint], stage: Stage
 ) -> LinearizationPoint | None:
     """The candidate of least cost, if it fits better than the window does."""

@@ -195,12 +195,12 @@ def collect_sensors(epochs: Timeline) -> tuple[SensorRows, ...]:
     """Measurements without ids, by sensor; of a long timeline one stretch after the other."""
     parts: dict[int, list[SensorRows]] = {}
     for begin in range(0, len(epochs), STRETCH):
-        for rows in _collected(epochs[begin : begin + STRETCH], begin):
+        for rows in _collect_sensors(epochs[begin : begin + STRETCH], begin):
             parts.setdefault(id(rows.model), []).append(rows)
     return tuple(map(SensorRows.joined, parts.values()))
 
 
-def _collected(epochs: Timeline, begin: int) -> list[SensorRows]:
+def _collect_sensors(epochs: Timeline, begin: int) -> list[SensorRows]:
     """Sensors' measurements of a stretch whose first epoch has the number ``begin``."""
     return [
         SensorRows(m.model, found.epoch + begin, m.values, m.parameters)

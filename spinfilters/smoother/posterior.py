@@ -110,7 +110,7 @@ def sample_posterior(
         return None
     method = "importance"
     if not found.weights.shape < options.largest_shape:
-        found, method = _walked(sampler, nodes, found, options), "mcmc"
+        found, method = _walk_ensemble(sampler, nodes, found, options), "mcmc"
     weights = found.weights.weights
     mean, factor = _moments(sampler, found, weights)
     last = StateMixture(
@@ -126,7 +126,7 @@ def sample_posterior(
     return Posterior(mean, factor, last, MassSamples(found.points, weights, shape, nees))
 
 
-def _walked(
+def _walk_ensemble(
     sampler: MassSampler, nodes: list[MassNode], found: MassPosterior, options: SamplingOptions
 ) -> MassPosterior:
     """Samples of an ensemble of walkers from resampled points, in errors about the first node."""
@@ -181,8 +181,10 @@ def _moments(
     layout = sampler.layout
     mean = found.trajectories[int(weights.argmax())]
     for _ in range(3):  # the mean on a manifold
-        mean = layout.retract(mean, np.einsum("i,ikn->kn", weights, _away(layout, mean, found.trajectories)))
-    away = _away(layout, mean, found.trajectories) * np.sqrt(weights)[:, np.newaxis, np.newaxis]
+        mean = layout.retract(
+            mean, np.einsum("i,ikn->kn", weights, _errors_about(layout, mean, found.trajectories))
+        )
+    away = _errors_about(layout, mean, found.trajectories) * np.sqrt(weights)[:, np.newaxis, np.newaxis]
     rows = [np.moveaxis(away, 0, 2)]
     picked = np.searchsorted(np.cumsum(weights), (np.arange(COVARIANCES) + 0.5) / COVARIANCES)
     for number in np.minimum(picked, len(weights) - 1):
@@ -192,7 +194,7 @@ def _moments(
     return mean, lower_roots(np.concatenate(rows, axis=2))
 
 
-def _away(
+def _errors_about(
     layout: StateLayout, mean: Float[np.ndarray, "k m"], trajectories: Float[np.ndarray, "i k m"]
 ) -> Float[np.ndarray, "i k e"]:
     return np.array([layout.local(mean, each) for each in trajectories])

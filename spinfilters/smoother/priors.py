@@ -98,17 +98,17 @@ class VariableOrdering:
     @cached_property
     def pose(self) -> Int[np.ndarray, " p"]:
         """Error components of an epoch coupled by landmark observations."""
-        return self._of([block for block in self.layout.moving if self._is_separator(block)])
+        return self._components_of([block for block in self.layout.moving if self._is_separator(block)])
 
     @cached_property
     def tridiagonal(self) -> Int[np.ndarray, " v"]:
         """Error components of an epoch coupled only to its neighbours in time."""
-        return self._of([block for block in self.layout.moving if not self._is_separator(block)])
+        return self._components_of([block for block in self.layout.moving if not self._is_separator(block)])
 
     @cached_property
     def constant(self) -> Int[np.ndarray, " c"]:
         """Error components that are the same in every epoch."""
-        return self._of(self.layout.constant)
+        return self._components_of(self.layout.constant)
 
     @cached_property
     def moving(self) -> Int[np.ndarray, " d"]:
@@ -163,7 +163,7 @@ class VariableOrdering:
     def _is_separator(self, block: StateBlock) -> bool:
         return self.has_landmarks and block.name in POSE_BLOCKS
 
-    def _of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
+    def _components_of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
         every = np.arange(self.layout.error_dim)
         return np.concatenate([every[:0], *[every[self.layout.slice(block.name)] for block in blocks]])
 

@@ -54,7 +54,7 @@ class RecursiveSmoother(Estimator):
         """What `begin` did, epoch by epoch."""
         self._options, self._sensors = options or SmootherOptions(), list(sensors)
         n = self.layout.error_dim
-        self._begun(Gaussian(self.layout, self.layout.origin(), np.full((n, n), np.nan)))
+        self._begin_with(Gaussian(self.layout, self.layout.origin(), np.full((n, n), np.nan)))
 
     def start(self, belief: Gaussian) -> None:
         """Begin from a belief at time 0 with all its correlations.
@@ -70,7 +70,7 @@ class RecursiveSmoother(Estimator):
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
             )
-        self._begun(belief)
+        self._begin_with(belief)
         self.sliding.add(Epoch(0.0, ()))
         self._time, self._belief = 0.0, belief
 
@@ -91,9 +91,9 @@ class RecursiveSmoother(Estimator):
         list of UpdateResult
             What happened to the measurements of each epoch.
         """
-        self._begun(prior)
+        self._begin_with(prior)
         for epoch in epochs:
-            self._meet(epoch.measurements)
+            self._number_sensors(epoch.measurements)
         self.begun = self.sliding.begin(epochs, first.trajectory, first.ids, first.points)
         self._time, self._belief = epochs[-1].time, self.sliding.belief
         return self.begun
@@ -149,7 +149,7 @@ class RecursiveSmoother(Estimator):
         """
         if not measurements:
             return []
-        self._meet(measurements)
+        self._number_sensors(measurements)
         if self.sliding.window.epochs[-1].time < self._time:
             taken = self.sliding.add(Epoch(self._time, tuple(measurements)))
         else:
@@ -168,7 +168,7 @@ class RecursiveSmoother(Estimator):
         """
         measured = [epoch for epoch in epochs if epoch.measurements]
         for epoch in measured:
-            self._meet(epoch.measurements)
+            self._number_sensors(epoch.measurements)
         if measured:
             self.marginalized += self.sliding.add_all(measured).marginalized
             self._time, self._belief = measured[-1].time, self.sliding.belief
@@ -228,7 +228,9 @@ class RecursiveSmoother(Estimator):
             Of a smoother with the same process and options.
         """
         window = window_of(self.layout, snapshot, self._sensors)
-        self._begun(Gaussian(self.layout, snapshot["prior_mean"].copy(), snapshot["prior_factor"].copy()))
+        self._begin_with(
+            Gaussian(self.layout, snapshot["prior_mean"].copy(), snapshot["prior_factor"].copy())
+        )
         self._time, alive, poor_guess, determined, is_due, retry, std, fits = map(float, snapshot["flags"])
         retry_schedule = RetrySchedule(is_due, retry)
         state = SmootherState(bool(alive), bool(poor_guess), int(determined), retry_schedule, std, bool(fits))
@@ -238,14 +240,14 @@ class RecursiveSmoother(Estimator):
         kept = [snapshot[name] for name in _RETIRED if name in snapshot]
         self.marginalized = [MarginalizedState(float(t), m, f) for t, m, f in zip(*kept, strict=True)]
 
-    def _begun(self, prior: StatePrior) -> None:
+    def _begin_with(self, prior: StatePrior) -> None:
         """Begin with this prior and no epoch."""
         self._prior, self.marginalized = prior, list[MarginalizedState]()
         has_landmarks = self.layout.blocks[:2] == POSE_BLOCKS
         self.sliding = SlidingSmoother(self.process, prior, self._options, has_landmarks)
         self._time, self._belief = 0.0, Gaussian(self.layout, prior.mean, prior.factor)
 
-    def _meet(self, measurements: Sequence[Measurement]) -> None:
+    def _number_sensors(self, measurements: Sequence[Measurement]) -> None:
         """Give new sensors a number."""
         for m in measurements:
             if not any(known is m.model for known in self._sensors):

@@ -289,7 +289,7 @@ class SlidingSmoother:
         ends = []
         for epoch, state in zip(epochs, trajectory, strict=True):
             self.window = self.window.opened(epoch.time, state)
-            ends.append(self._extended(epoch.measurements))
+            ends.append(self._extend_latest(epoch.measurements))
         self.window = self.window.placed(ids, points)
         _, problem = self._iterate_window(epochs[-1].measurements)
         self._remember(problem)
@@ -320,12 +320,12 @@ class SlidingSmoother:
             self.window = self.window.opened(
                 epoch.time, predicted_state(self.process, self._prior, self.window, epoch.time)
             )
-            self._extended(epoch.measurements)
+            self._extend_latest(epoch.measurements)
         return self.add(epochs[-1])
 
     def extend(self, measurements: tuple[Measurement, ...]) -> UpdateResult:
         """Add measurements of the latest epoch, solve, and marginalize by the window policy."""
-        ends = self._extended(measurements)
+        ends = self._extend_latest(measurements)
         count, problem = self._iterate_window(measurements)
         self._remember(problem)
         count += self._restarted_from_momentum(problem)
@@ -411,7 +411,7 @@ class SlidingSmoother:
             if there is None:
                 break
             linear, count = linear_problem(problem, there, loss), count + 1
-        self.window = _stepped(self.window, problem, linear, rule, number)
+        self.window = _step_window(self.window, problem, linear, rule, number)
         self._linear = linear
         return count, problem
 
@@ -461,7 +461,7 @@ class SlidingSmoother:
             self._remember(problem)
         return tries + 1
 
-    def _extended(self, measurements: tuple[Measurement, ...]) -> list[int]:
+    def _extend_latest(self, measurements: tuple[Measurement, ...]) -> list[int]:
         """Put measurements into the latest epoch; where their observations begin and end in the window."""
         ends = [len(self.window.seen.epoch)]
         for measurement in measurements:
@@ -492,7 +492,7 @@ class SlidingSmoother:
         return marginalized
 
 
-def _stepped(
+def _step_window(
     window: Window, problem: Problem, linear: LinearProblem, rule: StepRule, number: float
 ) -> Window:
     """The window one step beyond the last linearisation, if the linear problem has a solution."""

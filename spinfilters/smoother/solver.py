@@ -84,7 +84,7 @@ class GaussNewton(StepRule):
         if normal is None:
             return None
         errors = normal.system.errors
-        return _shared(normal, errors, min(number, _cap(layout, errors)))
+        return _scale_step(normal, errors, min(number, _cap(layout, errors)))
 
     def adapted(self, number: float, gain: float, step: Step) -> float:
         """Half the share after a failure, else the whole step."""
@@ -175,7 +175,7 @@ def _cap(layout: StateLayout, errors: Float[np.ndarray, "k n"]) -> float:
     return share
 
 
-def _shared(normal: NormalEquations, errors: Float[np.ndarray, "k n"], share: float) -> Step:
+def _scale_step(normal: NormalEquations, errors: Float[np.ndarray, "k n"], share: float) -> Step:
     """Part of the whole step, landmarks and velocities too."""
     points = None
     if normal.eliminated is not None:

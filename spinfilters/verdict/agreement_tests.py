@@ -96,10 +96,10 @@ def over_confident_quantities(history: EstimateHistory, smoother: EstimateHistor
     with np.errstate(all="ignore"):
         found = quantity_differences(history_at(history, rows), history_at(smoother, rows))
         squares = {name: each.expected_squares for name, each in found.items()}
-    return ALL & frozenset(name for name, own in squares.items() if not _holds(own))
+    return ALL & frozenset(name for name, own in squares.items() if not _is_within_chance(own))
 
 
-def _holds(squares: Float[np.ndarray, "n c"]) -> bool:
+def _is_within_chance(squares: Float[np.ndarray, "n c"]) -> bool:
     typical = max(float(squares.mean(axis=0).max()), float(squares[-1].max()))
     return typical <= HELD and float(squares.max()) <= HELD_AT_ONCE
 
@@ -140,7 +140,8 @@ def inertia_evidence(setup: Setup, settings: Settings) -> InertiaEvidence | None
     try:
         with np.errstate(all="ignore"):  # what is not finite becomes a status
             body, sphere = (
-                _predicted(setup, settings, belief) for belief in (setup.belief, _as_sphere(setup.belief))
+                _predict_history(setup, settings, belief)
+                for belief in (setup.belief, _as_sphere(setup.belief))
             )
     except NUMERICAL_ERRORS:
         return InertiaEvidence(0.0, rest)
@@ -151,7 +152,7 @@ def inertia_evidence(setup: Setup, settings: Settings) -> InertiaEvidence | None
     return InertiaEvidence(_evidence(body, sphere, settings), len(body.time))
 
 
-def _predicted(setup: Setup, settings: Settings, belief: Gaussian | LandmarkBelief) -> EstimateHistory:
+def _predict_history(setup: Setup, settings: Settings, belief: Gaussian | LandmarkBelief) -> EstimateHistory:
     first = len(setup.initial.mean)
     ekf = MultiplicativeEkf(setup.process, settings.robust, landmarks=settings.landmarks)
     ekf.start(belief)

@@ -114,7 +114,7 @@ class CalibrationErrors:
             return history
         try:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
-                errors, untold = self._errors(history, entry), self._untold(history)
+                errors, untold = self._errors(history, entry), self._moments_given_residuals(history)
                 counted = None
                 if errors is not None and untold is not None and np.isfinite(errors).all():
                     counted = history.considering(errors @ untold)
@@ -124,7 +124,7 @@ class CalibrationErrors:
             return replace(history, status=history.status.degraded(UNKNOWN, "calibration-uncounted"))
         return counted
 
-    def _untold(self, history: EstimateHistory) -> Float[np.ndarray, "c c"] | None:
+    def _moments_given_residuals(self, history: EstimateHistory) -> Float[np.ndarray, "c c"] | None:
         """Factor of the considered errors' second moments given the residuals, in their deviations.
 
         The identity of what no residual shows. Errors of an inspector's poses are separated from the motion where it does not move

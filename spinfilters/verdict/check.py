@@ -108,10 +108,12 @@ class Check:
             What was found, of a check that looks for several things.
         """
         name = f"{self.name}:{which}" if which else self.name
-        return Finding(name, _filled(self.sentence, numbers), self.cure.format(**numbers), numbers, about)
+        return Finding(
+            name, _fill_sentence(self.sentence, numbers), self.cure.format(**numbers), numbers, about
+        )
 
 
-def _filled(sentence: str, numbers: Mapping[str, float | str]) -> str:
+def _fill_sentence(sentence: str, numbers: Mapping[str, float | str]) -> str:
     """A sentence with its numbers, of which those get more digits that would read like the limit which they miss."""
     limit = float(numbers.get("limit", "nan"))
 

@@ -185,6 +185,14 @@ CHECKS: Final[tuple[Check, ...]] = (
         is_cause=True,
     ),
     Check(
+        "first-epochs", ALL, Needs.INITIALISATION,
+        "Where the first epochs do not settle on a motion: do they settle without the first 20 % of the recording?", CERTAIN,
+        "the first epochs are not one motion with the later ones: they leave {fit:.2g} times their noise, those from "
+        "t = {time:.3f} s on {later_fit:.2g} times, as after a contact in the first epochs",
+        "begin the recording there (--segment {time:.3f}:)",
+        is_cause=True,
+    ),
+    Check(
         "correlated-errors", ALL, Needs.RESIDUALS,
         "Are measurement errors correlated in time, rather than disturbances? Probability above 0.8 and an expected NEES above 2",
         "at most 0.2 of the cases in which it fails",
@@ -253,8 +261,8 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "row-noise", ALL, Needs.RESIDUALS,
-        "The same for deviations stated in the rows of a sensor", "6e-5 of each level",
-        "{name}: the data have {times:.3g} +- {std:.1g} times the deviations that the rows state{inflated} "
+        "The same for deviations stated in the rows of a sensor, or by several numbers together", "6e-5 of each level",
+        "{name}: the data have {times:.3g} +- {std:.1g} times the deviations that {state}{inflated} "
         "({score:.2g} deviations of chance)",
         "state other ones, or leave them out to have them identified",
     ),

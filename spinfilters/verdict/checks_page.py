@@ -44,16 +44,16 @@ def _section(check: Check) -> str:
         "test": check.asks,
         "computed from": str(check.needs),
         "false alarm": check.false_alarm,
-        "sentence": _shown(check.sentence),
-        "cure": _shown(check.cure),
-        "about": _about(check),
+        "sentence": _show_template(check.sentence),
+        "cure": _show_template(check.cure),
+        "about": _list_quantities(check),
         "order": "first; its consequences are stated without a cure" if check.is_cause else "",
     }
     lines = "".join(f"- **{name}**: {text}\n" for name, text in rows.items() if text)
     return f"\n## `{check.name}`\n\n{lines}"
 
 
-def _about(check: Check) -> str:
+def _list_quantities(check: Check) -> str:
     left = "not determined" if check.leaves is Holds.NOT_DETERMINED else "doubtful"
     if not check.about:
         return "no quantity, unless the finding names some"
@@ -61,7 +61,7 @@ def _about(check: Check) -> str:
     return f"{'all quantities' if check.about == ALL else own}, {left} then"
 
 
-def _shown(template: str) -> str:
+def _show_template(template: str) -> str:
     """A template with its numbers by name."""
     if template in ("{text}", "{cure}"):
         return "written for each finding"
@@ -70,7 +70,7 @@ def _shown(template: str) -> str:
 
 def _error_rows() -> Iterator[str]:
     for each in (*table().values(), *KINDS):
-        yield f"| `{each.name}` | {each.phrase} | {each.unit} | {_shown(each.cure)} |\n"
+        yield f"| `{each.name}` | {each.phrase} | {each.unit} | {_show_template(each.cure)} |\n"
 
 
 def main(arguments: list[str]) -> int:

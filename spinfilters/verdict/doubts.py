@@ -35,7 +35,7 @@ from spinfilters.verdict.noise_diagnostics import (
     stated_level_diagnostics,
 )
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
-from spinfilters.verdict.refits import DoubtedMotion, with_camera_refit, with_flywheel_refit
+from spinfilters.verdict.refits import DoubtedMotion, with_camera_refit, with_flywheel_refit, with_later_begin
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
 
 
@@ -171,7 +171,7 @@ def doubts_of(
         shared.append(finding("smoothed-checks-left-out", {}))
     else:
         tested = tested_history(setup, evaluations)
-        models = _explained(setup, settings, tested)
+        models = _test_models(setup, settings, tested)
         reference = reference_smoother(smoothers, setup, settings)
     shared += [*model_findings(models, tested), *measurement_findings(smoothers, evaluations)]
     own = filter_diagnostics(setup)
@@ -203,7 +203,7 @@ def models_of_recording(setup: Setup) -> TestedModels:
     return replace(NOT_TESTED, units=tuple(wrong_units(setup.dataset)), slips=slips)
 
 
-def _explained(setup: Setup, settings: Settings, best: EstimateHistory | None) -> TestedModels:
+def _test_models(setup: Setup, settings: Settings, best: EstimateHistory | None) -> TestedModels:
     """Score tests about the best estimate, with slips of front ends; fits of a flywheel and of a camera where any is suspected.
 
     None of measurements that their own front end doubts: wrong poses look like contact, and no other cause is named before that
@@ -217,7 +217,9 @@ def _explained(setup: Setup, settings: Settings, best: EstimateHistory | None) -
     models = replace(models, stated_std=_stated_std(setup, best, models))
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
-    if best is None or not is_suspect or models.slips:
+    if not models.slips:
+        models = with_later_begin(models, setup, settings)
+    if best is None or not is_suspect or models.slips or models.later_begin is not None:
         return models
     motion = DoubtedMotion(setup, best.mean[: tested_epochs(setup)])
     return with_camera_refit(with_flywheel_refit(models, settings, motion), motion)
@@ -250,7 +252,7 @@ def evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
 def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyEntry]) -> list[Evaluation]:
     """Evaluations with their verdicts, for estimators of a table of entries by name."""
     setup = doubts.setup
-    widened = {each.name: _widened(each, doubts) for each in doubts.evaluations}
+    widened = {each.name: _widen_evaluation(each, doubts) for each in doubts.evaluations}
     peers = [each for each in widened.values() if not entries[each.name].is_baseline]
     others = not_failed(peers)
     found = []
@@ -260,7 +262,7 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
             wider,
             others,
             entry.false_alarm_probability(setup, settings),
-            [*doubts.of(evaluation, entry), *_undetermined(evaluation, wider, doubts)],
+            [*doubts.of(evaluation, entry), *_explain_undetermined(evaluation, wider, doubts)],
             _centre_prior_std(setup),
             0.0 if entry.is_baseline else expected_nis(setup),
         )
@@ -268,7 +270,7 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
     return found
 
 
-def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
+def _widen_evaluation(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
     """With covariances that hold with possibly correlated errors, and with possible ones of the calibration."""
     setup, history = doubts.setup, evaluation.history
     if history.has_failed or history.layout != setup.process.layout:
@@ -294,7 +296,7 @@ def _centre_prior_std(setup: Setup) -> float:
     return float(std) if np.isfinite(std) else np.inf
 
 
-def _undetermined(evaluation: Evaluation, wider: Evaluation, doubts: Doubts) -> list[Finding]:
+def _explain_undetermined(evaluation: Evaluation, wider: Evaluation, doubts: Doubts) -> list[Finding]:
     """Why moments are not determined that would be, were errors surely white."""
     before, after = (float(np.max(each.body.principal_moments_std)) for each in (evaluation, wider))
     undecided = doubts.models.correlated.undecided

@@ -125,14 +125,14 @@ def _causes_first(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     Such a cure ("raise process.torque_psd") would hide the cause. A cause reaches the findings that are about its quantities alone.
     """
     causes = [each for each in findings if check_of(each).is_cause]
-    reached = frozenset[str]().union(*map(_about, causes))
+    reached = frozenset[str]().union(*map(_quantities_of, causes))
     others = [each for each in findings if each not in causes]
-    follows = [check_of(each).may_follow and _about(each) <= reached for each in others]
+    follows = [check_of(each).may_follow and _quantities_of(each) <= reached for each in others]
     without = [replace(each, cure="") if gone else each for each, gone in zip(others, follows, strict=True)]
     return (*causes, *(without if causes else others))
 
 
-def _about(found: Finding) -> frozenset[str]:
+def _quantities_of(found: Finding) -> frozenset[str]:
     return check_of(found).about if found.about is None else found.about
 
 

@@ -155,12 +155,12 @@ def tested_about(
     """
     try:
         with np.errstate(all="ignore"):
-            return _tested(setup, trajectory, errors, placed)
+            return _test_models(setup, trajectory, errors, placed)
     except NUMERICAL_ERRORS as error:
         return TestedModels(trouble=reason(numerical(error)))
 
 
-def _tested(
+def _test_models(
     setup: Setup, trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative], placed: Placed
 ) -> TestedModels:
     """Score tests at the noise levels of the setup.

@@ -200,7 +200,7 @@ def _levels_of_run(setup: Setup, settings: Settings, histories: Sequence[Estimat
     model = noise_model(problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
     if model is None:
         return None
-    return _Levels(_deflated(_at(model, used or ()), setup.inflation), trajectory, points)
+    return _Levels(_deflated(_model_at(model, used or ()), setup.inflation), trajectory, points)
 
 
 def _most_contradicted(setup: Setup, levels: _Levels) -> list[Finding]:
@@ -259,7 +259,14 @@ def _stated_level_finding(
     if level.name in setup.inflation:
         inflated = " without their inflation" if setup.inflation[level.name] > 1 else ""
         std = times * half * level.log_std
-        return finding("row-noise", numbers | {"std": std, "inflated": inflated}, about)
+        return finding(
+            "row-noise", numbers | {"std": std, "inflated": inflated, "state": "the rows state"}, about
+        )
+    together = _stated_together(setup, level.name)
+    if len(together) > 1 and level.name not in setup.unstated:
+        name = " and ".join(f"sensors.{each}" for each in together)
+        numbers |= {"name": name, "std": times * half * level.log_std, "inflated": "", "state": "they state"}
+        return finding("row-noise", numbers, about)
     seen = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
     name = f"{'process' if is_density else 'sensors'}.{level.name}"
     numbers |= {"name": name, "stated": level.value / times, "seen": seen}
@@ -269,7 +276,15 @@ def _stated_level_finding(
     return finding("stated-noise", numbers | {"cure": cure}, about)
 
 
-def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
+def _stated_together(setup: Setup, option: str) -> list[str]:
+    """Noise options of an option's sensor that add to the same deviations, such as a part in proportion to the rate."""
+    formats = [sensor_format(stream.sensor).noise for stream in setup.log.streams]
+    own = next((form for form in formats if any(each.name == option for each in form)), ())
+    beside = [each.name for each in own if each.components is None and setup.noise.values[each.name] > 0]
+    return [option, *beside]
+
+
+def _model_at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
     """The model at levels that an estimator has identified by itself."""
     own = {each.name: each for each in levels}
     before = dict(zip(model.names, model.values(model.stated), strict=True))

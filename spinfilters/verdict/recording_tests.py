@@ -17,6 +17,7 @@ from spinfilters.core.attitude_conversions import (
 )
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.evaluation.epoch_spans import time_text
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementStream
@@ -54,8 +55,8 @@ class Slip:
     ----------
     sensor : str
         Whose attitudes slip.
-    time : float
-        Of the first epoch behind it, s.
+    time, first : float
+        Of the first epoch behind it and of the first epoch of the recording, s.
     angle : float
         Rad.
     count : int
@@ -64,6 +65,7 @@ class Slip:
 
     sensor: str
     time: float
+    first: float
     angle: float
     count: int
     name: str = "slip"
@@ -74,8 +76,8 @@ class Slip:
         more = f", the first of {self.count} jumps" if self.count > 1 else ""
         return (
             f"most like a slip of the front end: the attitude of {self.sensor} jumps by {np.degrees(self.angle):.0f} deg at "
-            f"t = {self.time:.4g} s{more}, with the rate the same before and behind it, as where one face of the body is taken "
-            "for another"
+            f"{time_text(self.time, self.first)}{more}, with the rate the same before and behind it, as where one face of the body "
+            "is taken for another"
         )
 
     @property
@@ -115,7 +117,8 @@ def _slip_of(stream: MeasurementStream, setup: Setup) -> Slip | None:
     steps, angles = slipped_steps(samples.time, samples.attitude)
     if not steps.size:
         return None
-    return Slip(stream.sensor, float(samples.time[steps[0] + 1]), float(angles[0]), len(steps))
+    begin, first = float(samples.time[steps[0] + 1]), float(samples.time[0])
+    return Slip(stream.sensor, begin, first, float(angles[0]), len(steps))
 
 
 def slipped_steps(
@@ -183,7 +186,7 @@ def _scalar_first(q: Quaternions) -> Quaternions:
     return np.roll(q, -1, axis=1)
 
 
-def _mirrored(axis: int) -> Callable[[Quaternions], Matrices]:
+def _mirror_axis(axis: int) -> Callable[[Quaternions], Matrices]:
     """Attitudes in a frame of which one axis points the other way."""
     signs = np.where(np.arange(3) == axis, -1.0, 1.0)
     return lambda q: signs[:, None] * matrix_from_quaternion(q)
@@ -193,9 +196,9 @@ OTHERS: Final[dict[str, Callable[[Quaternions], Matrices]]] = {
     "inverted": lambda q: matrix_from_quaternion(inverse(q)),
     "with the scalar first": lambda q: matrix_from_quaternion(_scalar_first(q)),
     "with the scalar first, and inverted": lambda q: matrix_from_quaternion(inverse(_scalar_first(q))),
-    "in a frame with another x axis": _mirrored(0),
-    "in a frame with another y axis": _mirrored(1),
-    "in a frame with another z axis": _mirrored(2),
+    "in a frame with another x axis": _mirror_axis(0),
+    "in a frame with another y axis": _mirror_axis(1),
+    "in a frame with another z axis": _mirror_axis(2),
 }
 """Rotations of quaternions that are not x, y, z, w of the body's attitude in the right-handed frame of its places."""
 
@@ -216,8 +219,8 @@ def contradicted_convention(stream: MeasurementStream) -> tuple[str, float, floa
     places, q = values[:, :3], values[:, 3:]
     if angle_between(q, q[:1]).max() < LEAST_TURN:
         return None
-    read = _rms(_unexplained(time, places, matrix_from_quaternion(q)))
-    left = {name: _unexplained(time, places, other(q)) for name, other in OTHERS.items()}
+    read = _rms(_remove_parabola(time, places, matrix_from_quaternion(q)))
+    left = {name: _remove_parabola(time, places, other(q)) for name, other in OTHERS.items()}
     best = min(left, key=lambda name: _rms(left[name]))
     rest = _rms(left[best])
     ratio = np.sum(np.diff(left[best], axis=0) ** 2) / max(np.sum(left[best] ** 2), np.finfo(float).tiny)
@@ -230,7 +233,7 @@ def _rms(residual: Places) -> float:
     return float(np.sqrt(np.sum(residual**2) / (residual.size - 12)))
 
 
-def _unexplained(time: Float[np.ndarray, " n"], places: Places, R: Matrices) -> Places:
+def _remove_parabola(time: Float[np.ndarray, " n"], places: Places, R: Matrices) -> Places:
     """Places (m) about a parabola and an offset that turns with the attitude."""
     A = path_rows((time - time[0]) / (time[-1] - time[0]), R, accelerated=True)
     right = -(places - places.mean(axis=0)).reshape(-1)

@@ -1,4 +1,5 @@
-"""Fits of other models where a recording is doubted: a flywheel inside the body, and a camera that moves without known poses.
+"""Fits of other models where a recording is doubted: a flywheel inside the body, a camera that moves without known poses, and
+first epochs that belong to another motion.
 
 A score test promises less than a fit explains where the motion has bent to the error. Each fit smooths the motion again with the
 other model; -2 ln likelihood is compared with that of the models as they are, each at the noise levels that it identifies.
@@ -17,7 +18,9 @@ from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.filters.timeline import build_timeline, times_of
+from spinfilters.inference.first_epochs import Initialiser, with_identified_noise
 from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.noise_choice import stated_models
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup, camera_view
@@ -54,7 +57,7 @@ from spinfilters.verdict.model_errors.smoothed_motion import (
     is_steady,
 )
 from spinfilters.verdict.model_tests import landmarks_placed, linear_problem
-from spinfilters.verdict.tested_models import TestedModels
+from spinfilters.verdict.tested_models import LaterBegin, TestedModels
 
 ROUNDS: Final = 3
 """Of noise levels that a fit identifies: the first are those of a motion without a flywheel, which took it for disturbances."""
@@ -327,3 +330,39 @@ def _problem_before(setup: Setup, time: Float[np.ndarray, " k"], poses: Float[np
     view = replace(view, inspector=CameraTrajectory(time, poses))
     epochs = build_timeline(setup.log.slice(time[0], time[-1]), setup.process.layout, setup.noise, view)
     return linear_problem(setup, epochs)
+
+
+# First epochs of another motion
+
+LEFT_OUT_SHARE: Final = 0.2
+"""Of a recording's length, without which its first epochs are tried again: contact lasts less."""
+LARGEST_FIT: Final = 1.5
+"""Rms of whitened residuals up to which the later epochs are one motion, and above which the first ones are not."""
+
+
+def with_later_begin(models: TestedModels, setup: Setup, settings: Settings) -> TestedModels:
+    """The tests with a contact in the first epochs, where those do not settle on a motion and later ones do.
+
+    An initialisation that fails leaves no motion about which a score test could find the contact.
+    """
+    first = setup.initial
+    if setup.is_given or first.converged or first.has_failed or not first.fit > LARGEST_FIT:
+        return models
+    time = times_of(setup.timeline)
+    begin = float(time[np.searchsorted(time, time[0] + LEFT_OUT_SHARE * (time[-1] - time[0]))])
+    try:
+        with np.errstate(all="ignore"):
+            later = _begun_at(begin, setup, settings)
+    except (InputError, *NUMERICAL_ERRORS):
+        return models
+    settled = later.converged and later.fit < LARGEST_FIT and later.rejected <= later.accepted
+    return replace(models, later_begin=LaterBegin(begin, first.fit, later.fit)) if settled else models
+
+
+def _begun_at(begin: float, setup: Setup, settings: Settings) -> InitialEstimate:
+    """The initialisation of the measurements from a time on, at levels of noise that it identifies itself."""
+    layout, log = setup.process.layout, setup.log.slice(begin, times_of(setup.timeline)[-1])
+    dataset = replace(setup.dataset, log=log)
+    stated = stated_models(dataset, log, layout, settings)
+    initialiser = Initialiser(dataset, camera_view(dataset), layout, settings.initialisation)
+    return with_identified_noise(initialiser, stated.process, stated.noise, setup.sought)[0].start

@@ -15,7 +15,7 @@ from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.status import ALL, Finding
 from spinfilters.verdict.checks import finding
 from spinfilters.verdict.judge import unmoved_quantities
-from spinfilters.verdict.model_errors.alternatives import Alternative
+from spinfilters.verdict.model_errors.alternatives import CONTACT_AT_BEGIN, Alternative
 from spinfilters.verdict.model_errors.correlated_errors import (
     CorrelatedErrors,
     correlated_errors,
@@ -149,6 +149,23 @@ MOST_ALIKE: Final = 3
 
 
 @dataclass(frozen=True)
+class LaterBegin:
+    """A time from which measurements are one motion, where those from the begin on are not.
+
+    Attributes
+    ----------
+    time : float
+        s.
+    fit, later_fit : float
+        Rms of the whitened residuals of the initialisation from the begin on, and from this time on.
+    """
+
+    time: float
+    fit: float
+    later_fit: float
+
+
+@dataclass(frozen=True)
 class TestedModels:
     """Score tests of a recording.
 
@@ -181,6 +198,8 @@ class TestedModels:
         Deviations that the verdict states: ``std`` with what errors of the calibration and that drift may add; None of ``std``.
     known_calibration : frozenset[str]
         Names of the calibration's deviations that are stated.
+    later_begin : LaterBegin or None
+        Where the first epochs belong to no motion, from when on they do.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -196,6 +215,7 @@ class TestedModels:
     clock_drift: Float[np.ndarray, "K n"] | None = None
     stated_std: Float[np.ndarray, "k n"] | None = None
     known_calibration: frozenset[str] = frozenset()
+    later_begin: LaterBegin | None = None
 
     def test_of(self, error: Alternative) -> ScoreTest | None:
         """The test of an error; None where it was not tested."""
@@ -273,7 +293,7 @@ class TestedModels:
         return test.p_value_beside_map >= self.largest_p_value
 
     def _counts(self, test: ScoreTest) -> bool:
-        return self.contradicted or self._matters(test)
+        return self.contradicted or self._moves_estimates(test)
 
     @property
     def largest_p_value(self) -> float:
@@ -315,7 +335,7 @@ class TestedModels:
         """Score tests in the verdict, the likeliest first."""
         return tuple(each for own in self.classes for each in own)
 
-    def _matters(self, test: ScoreTest) -> bool:
+    def _moves_estimates(self, test: ScoreTest) -> bool:
         """Whether an error moves estimates, or noise levels, and is beyond chance.
 
         At the tested noise levels, too, less surely where these share the residuals: what only lets levels fall may be slow noise.
@@ -345,7 +365,8 @@ class TestedModels:
         slow = () if self.slow is None else (SLOW_CHANGE,)
         slips = {each.name: None for each in self.slips}
         of_map = () if self.of_map is None else (MAP_ERROR,)
-        return (*(each.name for each in self.units), *slips, *slow, *of_map, *found)
+        begin = () if self.later_begin is None else (CONTACT_AT_BEGIN.name,)
+        return (*(each.name for each in self.units), *slips, *begin, *slow, *of_map, *found)
 
     @property
     def comparable(self) -> list[ScoreTest]:
@@ -400,11 +421,10 @@ def slow_phrase(test: ScoreTest) -> str:
 
 
 def map_phrase(test: ScoreTest) -> str:
-    """Errors of a map that poses were registered to, and after them the likeliest error that looks like them."""
+    """Errors of a map that poses were registered to; what these explain is evidence for no other cause, so that none is named."""
     return (
         f"the residuals are beyond chance (chi-square {test.statistic:.0f}): errors of the map that poses were registered to, "
-        f"alike in alike views, explain {test.map_share:.0%} of it and leave no more than chance; poses do not exclude "
-        f"{test.error.phrase}"
+        f"alike in alike views, explain {test.map_share:.0%} of it and leave no more than chance"
     )
 
 
@@ -425,6 +445,8 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
     """
     about = _find_moved_quantities(models, tested)
     found = [finding("front-end-slip", {"text": each.sentence, "cure": each.cure}) for each in models.slips]
+    if models.later_begin is not None:
+        found.append(finding("first-epochs", models.later_begin.__dict__))
     found += models.correlated.doubts
     found += [
         finding("wrong-unit", {"text": unit.sentence, "cure": unit.cure}, unit.about, unit.name)

@@ -339,7 +339,7 @@ def _tracks_of(
     good = _share_explained(adjusted)
     losses.lose(STAGE, "of landmarks seen once", sum(len(each.ids) for each in epochs) - len(sequence))
     losses.lose(STAGE, "against the map", int(np.count_nonzero(~good)))
-    correlation = error_correlation(_whitened(adjusted, sequence, noise).part(good))
+    correlation = error_correlation(_whiten_residuals(adjusted, sequence, noise).part(good))
     kept = sequence.part(good)
     kept = kept.part(np.bincount(kept.ids)[kept.ids] > 1)
     losses.lose(STAGE, "of landmarks seen once", int(np.count_nonzero(good)) - len(kept))
@@ -388,7 +388,7 @@ def _share_explained(adjusted: Adjusted) -> Bool[np.ndarray, " n"]:
     return np.linalg.norm(adjusted.whitened, axis=1) <= LARGEST_ERROR
 
 
-def _whitened(adjusted: Adjusted, sequence: _Sequence, noise: TrackNoise) -> LandmarkResiduals:
+def _whiten_residuals(adjusted: Adjusted, sequence: _Sequence, noise: TrackNoise) -> LandmarkResiduals:
     """Whitened residuals of place and disparity after bundle adjustment."""
     observations = sequence.observations
     place, disparity = noise.variances(sequence.size, sequence.residual)

@@ -244,27 +244,27 @@ def calibration_changes(
             changes.append(ParameterChange(f"{name} {word}", "px", *values, std))
     for k, axis in enumerate("xyz"):
         values = 1e3 * float(first.relative_position[k]), 1e3 * float(second.relative_position[k])
-        std = None if joined is None else _stated(1e3 * joined.position[k])
+        std = None if joined is None else _stated_or_none(1e3 * joined.position[k])
         changes.append(ParameterChange(f"translation {axis}", "mm", *values, std))
-    turn = np.rad2deg(_turn(first, second))
+    turn = np.rad2deg(_relative_rotation(first, second))
     for k, axis in enumerate("xyz"):
-        std = None if joined is None else _stated(np.rad2deg(joined.rotation[k]))
+        std = None if joined is None else _stated_or_none(np.rad2deg(joined.rotation[k]))
         changes.append(ParameterChange(f"rotation change about {axis}", "deg", 0.0, float(turn[k]), std))
     return changes
 
 
-def _stated(std: float) -> float | None:
+def _stated_or_none(std: float) -> float | None:
     """A deviation, None for NaN."""
     return float(std) if np.isfinite(std) else None
 
 
 def rotation_change(first: RawRig, second: RawRig) -> tuple[float, Float[np.ndarray, "3"]]:
     """Angle, rad, and unit axis of the rotation from the first relative attitude of the cameras to the second."""
-    turn = _turn(first, second)
+    turn = _relative_rotation(first, second)
     angle = float(np.linalg.norm(turn))
     return angle, turn / angle if angle > 0 else np.array([1.0, 0.0, 0.0])
 
 
-def _turn(first: RawRig, second: RawRig) -> Float[np.ndarray, "3"]:
+def _relative_rotation(first: RawRig, second: RawRig) -> Float[np.ndarray, "3"]:
     """Rotation vector from the first relative attitude of the cameras to the second, rad."""
     return rotation_vector(second.relative_rotation @ first.relative_rotation.T)

@@ -47,10 +47,10 @@ def disparity_map(
         speckleRange=2,
         mode=cv2.STEREO_SGBM_MODE_HH,
     )
-    return _matched(matcher, left, right, count, smallest)
+    return _match_disparities(matcher, left, right, count, smallest)
 
 
-def _matched(
+def _match_disparities(
     matcher: cv2.StereoMatcher,
     left: UInt8[np.ndarray, "h w"],
     right: UInt8[np.ndarray, "h w"],
@@ -82,7 +82,7 @@ def local_disparity_map(
     """
     count = -(-(largest + 1) // 16) * 16
     matcher = cv2.StereoBM.create(numDisparities=count, blockSize=LOCAL_BLOCK)
-    return _matched(matcher, left, right, count, 0)
+    return _match_disparities(matcher, left, right, count, 0)
 
 
 LEAST_CONTRAST: Final = 4.0

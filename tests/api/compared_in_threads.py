@@ -14,11 +14,14 @@ import numpy as np
 
 import spinfilters
 from spinfilters.core.working_time import is_building
+from spinfilters.smoother import mass_posterior
 
 EVALUATION = ("FunctionBuffer_", "_function_buffer_eval")
 """Calls of CasADi's library that need no lock: each works on memory that one thread holds."""
 PACKAGES = (Path(spinfilters.__file__).parent, Path(spinfilters.__file__).parents[1] / "observability")
 THREADS = 3
+FEW = 12
+"""Samples of a mass distribution: each is one more solve of what one alone builds and locks already."""
 without_lock: set[str] = set()
 
 
@@ -65,6 +68,7 @@ def numbers_of(dataset: spinfilters.Dataset) -> list[bytes]:
 
 def main(kinds: list[str]) -> None:
     """Compare in threads first: what they compute with is not built yet."""
+    mass_posterior.SAMPLES, mass_posterior.TRIED, mass_posterior.MOST_NODES = FEW, FEW, 2
     sets = [spinfilters.simulate(kind, frames=10, seed=number) for number, kind in enumerate(kinds)]
     interface: Any = casadi.casadi
     interface._casadi = Watched(interface._casadi)

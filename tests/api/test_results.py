@@ -1,6 +1,7 @@
 """What a run shows of itself, and the arrays and tables that it gives."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,3 +116,16 @@ def test_documents_are_flattened_by_the_names_of_their_parts() -> None:
         "why": "one; two",
         "none": "",
     }
+
+
+def test_used_and_rejected_measurements_are_counted_by_sensor() -> None:
+    recording = spinfilters.simulate("pose", frames=24, rate_rpm=(4, 6, 3), beside={"gyro": 0.25})
+    values = recording.log.streams[1].values.copy()
+    values[-4] = 5.0  # a rate that no body of this recording has, between two poses
+    gyro = replace(recording.log.streams[1], values=values)
+    spoilt = replace(recording, log=replace(recording.log, streams=(recording.log.streams[0], gyro)))
+    told = spinfilters.compare(spoilt, "mekf", verdict="filter").summary["estimators"]["mekf"]["measurements"]
+    sensors = told["by_sensor"]
+    assert list(sensors) == ["pose", "gyro"]
+    assert sum(each["accepted"] for each in sensors.values()) == told["accepted"]
+    assert (sensors["pose"]["rejected"], sensors["gyro"]["rejected"]) == (0, 1) == (0, told["rejected"])

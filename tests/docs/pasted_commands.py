@@ -51,6 +51,13 @@ REWRITINGS = (
     ),
     Rewriting("spinfilters reconstruct", "--voxels 64", "a coarser volume"),
     Rewriting("spinfilters compare toss", "--estimators mekf", "one estimator"),
+    Rewriting(
+        "spinfilters compare recording -o runs/explained", SMALL_RUN, "two estimators, whose tests it prints"
+    ),
+    *(
+        Rewriting(f"spinfilters compare {name}", f"{SMALL_RUN} --verdict filter", "two estimators, few tests")
+        for name in ("recording", "circling", "fusion", "scans/tumble")
+    ),
     Rewriting("spinfilters compare", SMALL_RUN, "two estimators"),
     Rewriting("spinfilters observe", "--frames 20", "fewer epochs"),
     Rewriting("spinfilters live", "--speed 1000 --deadline-ms 10000", "faster than it was recorded"),

@@ -4,6 +4,7 @@ import csv
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -40,30 +41,47 @@ def rows_of(program: str, text: str | None = None) -> list[dict[str, float]]:
     ]
 
 
+@pytest.mark.parametrize(("sensor", "remark"), [("gyro", True), ("pose", False)])
+def test_the_start_state_says_which_disturbance_a_filter_without_a_position_leaves_out(
+    sensor: Literal["gyro", "pose"], remark: bool
+) -> None:
+    text = folder_texts(EmbedOptions(sensor=sensor))["start_state.h"]
+    assert ("a state without a position does not use it" in text) is remark
+
+
+@pytest.fixture(scope="module")
+def gyro_program(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The program of a gyro, compiled once for all tests that only run it."""
+    return built(tmp_path_factory.mktemp("gyro") / "filter", "--sensor", "gyro")
+
+
 @needs_compiler
 @pytest.mark.parametrize("sensor", ["gyro", "pose", "stereo"])
-def test_the_program_filters_its_built_in_recording(tmp_path: Path, sensor: str) -> None:
-    rows = rows_of(built(tmp_path / "filter", "--sensor", sensor))
+def test_the_program_filters_its_built_in_recording(
+    tmp_path: Path, sensor: str, request: pytest.FixtureRequest
+) -> None:
+    is_gyro = sensor == "gyro"
+    rows = rows_of(
+        request.getfixturevalue("gyro_program") if is_gyro else built(tmp_path / "filter", "--sensor", sensor)
+    )
     assert len(rows) == 60
     assert sum(row["status"] != 0 for row in rows) <= 3
     assert all(row["moment_1"] <= row["moment_2"] <= row["moment_3"] == 1 for row in rows)
 
 
 @needs_compiler
-def test_rates_from_standard_input_give_a_filter_that_follows_them(tmp_path: Path) -> None:
-    program = built(tmp_path / "filter", "--sensor", "gyro")
+def test_rates_from_standard_input_give_a_filter_that_follows_them(gyro_program: str) -> None:
     lines = [f"{0.1 * k:.3f}, 0.1, 1.05, 0.05" for k in range(5)]
-    rows = rows_of(program, "time_s,wx,wy,wz\n" + "\n".join(lines) + "\n")
+    rows = rows_of(gyro_program, "time_s,wx,wy,wz\n" + "\n".join(lines) + "\n")
     assert [row["time_s"] for row in rows] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
     assert rows[-1]["wy"] == pytest.approx(1.05, abs=0.02)
 
 
 @needs_compiler
 @pytest.mark.parametrize("second", ["0.0,0.1,1,0.05", "0.1,0.1,1", "0.1,0.1,1,x", "-1,0.1,1,0"])
-def test_a_row_of_no_use_is_named_by_its_line(tmp_path: Path, second: str) -> None:
-    program = built(tmp_path / "filter", "--sensor", "gyro")
+def test_a_row_of_no_use_is_named_by_its_line(gyro_program: str, second: str) -> None:
     done = subprocess.run(
-        [program, "-"], input=f"t,x,y,z\n0,0.1,1,0.05\n{second}\n", capture_output=True, text=True
+        [gyro_program, "-"], input=f"t,x,y,z\n0,0.1,1,0.05\n{second}\n", capture_output=True, text=True
     )
     assert done.returncode == 2
     assert done.stderr.startswith("line 3: ")
@@ -109,6 +127,7 @@ def test_a_filter_begins_from_the_last_state_of_a_run(tmp_path: Path) -> None:
     noise = ["--set", "sensors.gyro_noise_std=0.0123", "--set", "process.torque_psd=3e-7"]
     assert main(["compare", data, "-o", str(run), "--estimators", "mekf", "--no-figures", *noise]) == 0
     first = rows_of(built(tmp_path / "filter", "--sensor", "gyro", "--from-run", str(run)))[0]
+    assert " s of its clock." in (tmp_path / "filter" / "start_state.h").read_text()
     last = list(csv.DictReader((run / "mekf" / "trajectory.csv").read_text().splitlines()))[-1]
     speed = np.linalg.norm([float(last[name]) for name in ("wx", "wy", "wz")])
     assert np.linalg.norm([first[name] for name in ("wx", "wy", "wz")]) == pytest.approx(speed, rel=0.1)

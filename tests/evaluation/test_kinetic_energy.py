@@ -25,3 +25,9 @@ def test_a_decay_is_found_within_its_deviation() -> None:
     change, std = EnergyCourse(time, noisy, 0.02 * energy).change(10.0, 40.0)
     assert abs(change - (np.exp(-0.06) - 1)) < 3 * std
     assert std < 0.01
+
+
+def test_rows_without_a_deviation_are_too_few_for_a_line() -> None:
+    still = EnergyCourse(np.zeros(1), np.ones(1), np.zeros(1))
+    with pytest.raises(np.linalg.LinAlgError):
+        still.change(0.0, 0.0)

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from spinfilters.evaluation.comparison_table import comparison_table
 from spinfilters.evaluation.epoch_spans import (
+    epoch_sentences,
     initialisation_end,
     on_identical_measurements,
     shared_begin,
@@ -125,3 +126,16 @@ def test_a_filter_that_failed_before_its_first_own_epoch_has_no_statistics() -> 
     rows = table_rows(evaluations)
     assert rows["position error [mm]"][0] == "-"
     assert rows["status"] == ["failed", "ok"]
+
+
+@pytest.mark.parametrize(
+    ("origin", "says"), [(0.0, "from t = "), (1.7e9, "s after the first epoch, t = 1700000000")]
+)
+def test_times_of_a_clock_since_1970_are_said_after_the_first_epoch(origin: float, says: str) -> None:
+    history = poor_beginning()
+    filters = [
+        evaluate(replace(history, name=name, time=history.time + origin), None) for name in ("mekf", "ukf")
+    ]
+    (sentence,) = epoch_sentences(filters)
+    assert says in sentence
+    assert "e+09" not in sentence

@@ -124,7 +124,7 @@ def test_errors_are_of_its_size_and_summary_and_table_show_it(comparison, tmp_pa
         for line in stream.getvalue().splitlines()
         if "│" in line
     }
-    for name in ("position error [mm]", "velocity error [mm/s]", "rate error [deg/s]"):
+    for name in ("position error [mm]", "velocity error [mm/s]", "rate error in i [deg/s]"):
         assert float(rows[name]) > 0, name
     assert " ".join(stream.getvalue().split()).endswith(BOUND_CAPTION)
 

@@ -1,21 +1,26 @@
 """Motions of other simulators agree with ours."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from experiments.other_simulators import NOTHING, brick_recording, mujoco_recording
+from experiments.other_simulators import NOTHING, brick_recording, drake_recording, mujoco_recording
 from spinfilters.campaigns.calibration_draws import drawn_scenario
 from spinfilters.core.errors import InputError
-from spinfilters.simulation.scenario import simulate
+from spinfilters.io.dataset import Dataset
+from spinfilters.simulation.scenario import Scenario, simulate
 
 
-def test_a_motion_of_mujoco_is_ours() -> None:
-    pytest.importorskip("mujoco")
+@pytest.mark.parametrize(
+    ("program", "recorded"), [("mujoco", mujoco_recording), ("pydrake", drake_recording)]
+)
+def test_a_motion_of_another_simulator_is_ours(program: str, recorded: Callable[[Scenario], Dataset]) -> None:
+    pytest.importorskip(program)
     scenario = replace(drawn_scenario("pose", 1), epochs=20, noise=NOTHING)
-    ours, other = simulate(scenario).truth, mujoco_recording(scenario).truth
+    ours, other = simulate(scenario).truth, recorded(scenario).truth
     assert ours is not None
     assert other is not None
     assert other.center_of_mass == pytest.approx(ours.center_of_mass, abs=1e-7)

@@ -3,14 +3,12 @@
 from functools import cache
 
 import numpy as np
-import pytest
 
 from experiments.benchmarks.endless_scene import PIECE, SCENARIO, EndlessScene
-from experiments.benchmarks.floor import floor_seconds, least_multiply_adds
+from experiments.benchmarks.floor import least_multiply_adds
 from experiments.benchmarks.own_smoother import OwnIterations, own_batch, own_resolved, own_window
 from experiments.benchmarks.smoother_checks import in_turn, ratio
 from experiments.benchmarks.smoother_workload import PeerResult, Workload, simulated_workload
-from spinfilters.core.c_library import compiler
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 
 FRAMES = 12
@@ -91,8 +89,3 @@ def test_the_floor_counts_every_pair_of_frames_of_a_landmark_once() -> None:
         added += sum(3 * (6 * 6 + 3 * 3 + 3 * 6) for _ in frames)
     unknowns = 6 * FRAMES + 8
     assert least_multiply_adds(problem) == added + unknowns**3 // 6
-
-
-@pytest.mark.skipif(compiler() is None, reason="the floor is a loop in C")
-def test_the_floor_takes_longer_for_more_multiply_adds() -> None:
-    assert floor_seconds(40_000_000, 3) > floor_seconds(1_000_000, 3) > 0

@@ -4,7 +4,7 @@
     python -m tests.golden compare BEFORE AFTER
 
 Record before a change that is meant to change no number, record again behind it, and compare. All runs take one thread and one
-kernel of OpenBLAS, so that the same code gives the same bits on one machine.
+core type of OpenBLAS, so that the same code gives the same bits on one machine.
 """
 
 import argparse

@@ -84,7 +84,7 @@ def test_a_third_beyond_the_share_is_taken_where_that_and_no_fewer_is_enough(
         return InitialEstimate.failed(setup.process.layout, count, "for a test")
 
     monkeypatch.setattr(initialisation_length, "_is_better", lambda beyond, _: len(beyond.mean) >= enough)
-    monkeypatch.setattr(initialisation_length, "_checked", lambda *given: given[2](given[3]))
+    monkeypatch.setattr(initialisation_length, "_check_moments", lambda *given: given[2](given[3]))
     models = (setup.process, setup.timeline, of_length, InitialisationOptions())
     found = long_enough_initialisation(*models)
     longer = beyond_share(*models, found)

@@ -168,6 +168,15 @@ def test_poses_are_found_by_name_whatever_the_order_of_the_quaternion(tmp_path: 
     )
 
 
+@pytest.mark.parametrize("header", ["time_s,x,y,z,qx,qy,qz,qw", "t,x,y,z,q_x,q_y,q_z,q_w"])
+def test_x_y_z_beside_a_quaternion_are_a_position(header: str, tmp_path: Path) -> None:
+    rows = np.array([[0.0, 1, 2, 3, 0, 0, 0, 1], [0.1, 1, 2, 3, 1, 0, 0, 0]])
+    dataset = read_dataset(written(tmp_path, header, rows))
+    assert dataset.kind == "pose"
+    np.testing.assert_array_equal(dataset.log.stream("pose").values, rows[:, 1:])
+    assert repr(dataset).startswith("Dataset pose: 2 of pose in 0.1 s")
+
+
 @pytest.mark.parametrize(
     ("header", "says"),
     [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from spinfilters.lidar.scan_adjustment import shared_inflation, smooth_inflation
+from spinfilters.lidar.adjustment_covariance import shared_inflation, smooth_inflation
 from spinfilters.lidar.scan_pose import ScanPose
 
 COUNT = 40

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.errors import InputError
+from spinfilters.lidar.adjustment_covariance import AdjustedScans
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.planes import PointNoise, extract_planes, identified_noise
 from spinfilters.lidar.scan import (
@@ -20,7 +21,6 @@ from spinfilters.lidar.scan import (
     scan_of_points,
     without_isolated,
 )
-from spinfilters.lidar.scan_adjustment import AdjustedScans
 from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
 from spinfilters.reproduction.decoust.sequences import SEQUENCES

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from spinfilters.lidar.adjustment_covariance import AdjustedScans
 from spinfilters.lidar.registration import cloud_of
 from spinfilters.lidar.scan import LidarNoise, RayPattern, rvs_noise
-from spinfilters.lidar.scan_adjustment import AdjustedScans, adjusted_scans
+from spinfilters.lidar.scan_adjustment import adjusted_scans
 from spinfilters.lidar.scan_pose import ScanPose
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner
 from spinfilters.simulation.lidar_sequence import Initial, scan_sequence, scan_times, spacecraft, tumble_of

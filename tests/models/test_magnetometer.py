@@ -1,8 +1,11 @@
 """A magnetometer beside poses sharpens their attitude; a gyro alone does not tell the frame that its field is given in."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from spinfilters import load
 from spinfilters.campaigns.runner import Runner
 from spinfilters.campaigns.study import study_from
 from spinfilters.core.errors import InputError
@@ -54,3 +57,15 @@ def test_the_noise_of_a_sensor_is_drawn_within_its_limits() -> None:
     drawn = [cell.recording_of(np.random.SeedSequence(seed)).levels["magnetometer_std"] for seed in range(20)]
     assert len(set(drawn)) == 20
     assert 1e-8 < min(drawn) < 1e-7 < max(drawn) < 1e-6
+
+
+def test_fields_in_two_units_are_refused_with_both_strengths(tmp_path: Path) -> None:
+    (tmp_path / "dataset.toml").write_text('kind = "magnetometer"\n')
+    rows = "\n".join(f"{0.1 * k:.1f},20,10,40,2e-5,1e-5,4e-5" for k in range(8))
+    (tmp_path / "magnetometer.csv").write_text(f"time_s,bx,by,bz,fx,fy,fz\n{rows}\n")
+    poses = "\n".join(f"{0.1 * k:.1f} 0 0 1 0 0 0 1" for k in range(8))
+    (tmp_path / "poses.tum").write_text(f"{poses}\n")
+    with pytest.raises(
+        InputError, match=r"magnetometer.csv: the measured field .* 45.8 T, .* 4.58e-05 T .* tesla"
+    ):
+        load(tmp_path)

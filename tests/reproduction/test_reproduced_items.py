@@ -6,18 +6,21 @@ from pathlib import Path
 import pytest
 
 from spinfilters.core.errors import InputError
+from spinfilters.reproduction import results
 from spinfilters.reproduction.item import TWEDDLE, Agreement, ComparedNumber, Item, ItemResult
 from spinfilters.reproduction.items import ITEMS, chosen_items
-from spinfilters.reproduction.results import reproduce, write_pages
+from spinfilters.reproduction.results import code_hash, record_of, reproduce, write_pages
 
-QUICK = [item for item in ITEMS if item.seconds <= 2.0]
+LONGEST = 3.0
+"""s, of an item that is made in full."""
 
 
-@pytest.mark.parametrize("item", QUICK, ids=lambda item: item.name)
-def test_a_quick_item_agrees_or_says_why_not(item: Item) -> None:
-    outcome = item.make()
+@pytest.mark.parametrize("item", ITEMS, ids=lambda item: item.name)
+def test_every_item_has_rows_and_a_picture(item: Item) -> None:
+    assert item.short is not None or item.seconds <= LONGEST
+    outcome = (item.short or item.make)()
     assert outcome.rows
-    assert outcome.figures or outcome.tables or len(outcome.rows) > 1
+    assert outcome.figures
 
 
 def test_names_are_unique_and_say_source_and_kind() -> None:
@@ -30,7 +33,7 @@ def test_rows_agree_within_the_printed_digits_only() -> None:
     assert ComparedNumber("rate", 2.204, printed=2.20, tolerance=0.005).agreement is Agreement.AGREES
     assert ComparedNumber("error", 1.0, printed=2.0, smaller_is_better=True).agreement is Agreement.BETTER
     assert (
-        ComparedNumber("error", 3.0, printed=2.0, smaller_is_better=True, why="other data").agreement
+        ComparedNumber("error", 3.0, printed=2.0, smaller_is_better=True, why="2 other ones").agreement
         is Agreement.DIFFERS
     )
     with pytest.raises(InputError, match="nothing says why"):
@@ -41,6 +44,55 @@ def test_rows_agree_within_the_printed_digits_only() -> None:
         ComparedNumber("surfaces", 3.0, expected=(4.0, float("inf")))
     with pytest.raises(InputError, match="what is printed"):
         ComparedNumber("rate", 2.21)
+
+
+def test_a_printed_number_of_either_sign_is_bettered_by_a_smaller_one() -> None:
+    error = ComparedNumber("mean", 0.5, printed=-6.27, tolerance=0.3, smaller_is_better=True)
+    assert error.agreement is Agreement.BETTER
+    larger = ComparedNumber("mean", 7.0, printed=-6.27, smaller_is_better=True, why="7 cm were drawn")
+    assert larger.agreement is Agreement.DIFFERS
+
+
+def test_pictures_and_inputs_do_not_count_as_agreement() -> None:
+    shown = ComparedNumber("share", 0.7, expected=(0.5, 1.0))
+    put_in = ComparedNumber("distance", 500.0, printed=500.0, given=True)
+    printed = ComparedNumber("radius", 866.02, printed=866.02)
+    assert shown.agreement is Agreement.CONSISTENT
+    assert put_in.agreement is Agreement.INPUT
+    assert ItemResult([put_in]).agreement is Agreement.INPUT
+    assert ItemResult([put_in, shown]).agreement is Agreement.CONSISTENT
+    assert ItemResult([put_in, shown, printed]).agreement is Agreement.AGREES
+
+
+@pytest.mark.parametrize(
+    "why",
+    [
+        "another machine",
+        "see Table 4.1, and Figures 6-3 to 6-14",
+        "the screen of Figure 5-29 and Eq. 6.22 of section 6.5.2 differ in k1",
+    ],
+)
+def test_a_cause_without_a_number_is_refused(why: str) -> None:
+    with pytest.raises(InputError, match="give a number"):
+        ComparedNumber("rate", 2.21, printed=2.20, why=why)
+    with pytest.raises(InputError, match="give a number"):
+        ComparedNumber("rate", 2.20, printed=2.20, why=why)
+
+
+@pytest.mark.parametrize("why", ["0.02 deg at 3 m", "82% of Table 4.1", "J = (3, 1)", "k1 is -0.0227"])
+def test_a_cause_with_a_number_is_taken(why: str) -> None:
+    assert ComparedNumber("rate", 2.21, printed=2.20, why=why).agreement is Agreement.DIFFERS
+
+
+def test_a_row_without_a_bound_says_why(tmp_path: Path) -> None:
+    rows = [
+        ComparedNumber("error", 1.0, printed=1.0, bound=0.25),
+        ComparedNumber("time", 1.0, printed=1.0, bound="no estimate: a time"),
+    ]
+    reproduce([item(lambda: ItemResult(rows))], tmp_path)
+    bounded, timed = (tmp_path / "reproduce.csv").read_text().splitlines()[1:]
+    assert bounded.split(",")[6] == "0.25"
+    assert timed.split(",")[6] == "no estimate: a time"
 
 
 def item(make: object, name: str = "tweddle-table-1.1") -> Item:
@@ -109,3 +161,19 @@ def test_names_choose_items_by_their_beginning() -> None:
     assert len(chosen_items(("tweddle-figure-2",))) >= 5
     with pytest.raises(InputError, match="reproduce list"):
         chosen_items(("tweddle-figure-99",))
+
+
+def test_the_summary_counts_items_and_rows_and_names_the_code(tmp_path: Path) -> None:
+    one = item(lambda: ItemResult([ComparedNumber("rate", 1.0, printed=1.0)]))
+    record = record_of(reproduce([one], tmp_path), "2026-11-26T00:00:00+00:00")
+    assert record["items"][one.name]["result"] == "agrees"
+    assert record["counts"] == {"items": {"agrees": 1}, "rows": {"agrees": 1}}
+    assert record["code"] == code_hash()
+
+
+def test_items_of_other_code_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = item(lambda: ItemResult([ComparedNumber("rate", 1.0, printed=1.0)]))
+    reproduce([one], tmp_path)
+    monkeypatch.setattr(results, "code_hash", lambda: "other")
+    assert not reproduce([one], tmp_path)[0].kept
+    assert reproduce([one], tmp_path)[0].kept

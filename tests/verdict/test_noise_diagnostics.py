@@ -254,3 +254,16 @@ def test_small_innovations_are_expected_of_correlated_or_inflated_noise_and_wher
     name = "pose_position_std"
     absent = VarianceComponent(name, smallest_level(name), 2.0, 1.0)
     assert expected_nis(replace(setup, identified=(absent,))) == 0.0
+
+
+def test_noise_that_two_numbers_state_together_is_not_blamed_on_one() -> None:
+    rates = Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=60, interval=0.25, seed=4)
+    settings = replace(
+        FILTER,
+        sensors=replace(FILTER.sensors, gyro_scale_std=0.01),
+        process=replace(FILTER.process, drag=False),
+    )
+    run = plainly_compared(prepare(simulate(rates), settings), replace(settings, verdict="filter"))
+    (found,) = stated_level_diagnostics(run.setup, settings, [run.evaluations[0].history])
+    assert found.sentence.startswith("sensors.gyro_noise_std and sensors.gyro_scale_std: the data have 0.1")
+    assert "times the deviations that they state" in found.sentence

@@ -236,7 +236,7 @@ def _print_comparison(comparison: "Comparison", folder: Path) -> None:
         console.print(sentence, highlight=False)
     spin = next(filter(None, map(spin_verdict, reversed(comparison.evaluations))), None)
     if spin is not None:
-        console.print(f"Tumbling or spinning: {spin.sentence}.", highlight=False)
+        console.print(f"Rate: {spin.sentence}.", highlight=False)
     if comparison.interrupted:
         raise InputError(
             f"interrupted; what was estimated is in {folder}, run the command again with --resume to continue"

@@ -61,7 +61,7 @@ def _answer_epochs(options: LiveArguments, target: TextIO) -> int:
     try:
         with ExitStack() as stack:
             stack.callback(writer.close)
-            show = _shown(stack, options, executive, writer)
+            show = _answer_printer(stack, options, executive, writer)
             for answer in executive.run(until_interrupted(source.epochs())):
                 show(answer)
                 course.keep(answer)
@@ -127,7 +127,7 @@ def _live_options(options: LiveArguments, settings: "Settings") -> "LiveOptions"
     )
 
 
-def _shown(
+def _answer_printer(
     stack: ExitStack, options: LiveArguments, executive: "Executive", writer: "AnswerWriter"
 ) -> "Callable[[Answer], None]":
     """Function that shows an answer: as a line, in a table, or both where they do not share one terminal."""

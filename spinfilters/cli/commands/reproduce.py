@@ -25,16 +25,23 @@ class ReproduceArguments:
         str, Argument("folder of the results; existing ones are kept", short="-o", metavar="FOLDER")
     ] = "runs/reproduce"
     again: Annotated[bool, Argument("make existing ones again")] = False
+    record: Annotated[
+        str | None,
+        Argument("also write a summary with date and hash of the code", metavar="FILE"),
+    ] = None
 
 
 def reproduce_items(options: ReproduceArguments) -> int:
     """Make the chosen items, their page and table, and print how they compare."""
+    from datetime import UTC, datetime
+
     from rich.table import Table
 
     from spinfilters.cli.console import wide_console
+    from spinfilters.io.output_files import write_json
     from spinfilters.reproduction.item import Item
     from spinfilters.reproduction.items import ITEMS, chosen_items
-    from spinfilters.reproduction.results import PAGE_FILE, Finished, reproduce
+    from spinfilters.reproduction.results import FAILED, PAGE_FILE, Finished, counted, record_of, reproduce
 
     console = wide_console()
     if options.names == ("list",):
@@ -58,14 +65,14 @@ def reproduce_items(options: ReproduceArguments) -> int:
             console.print(f"{item.name}: {done.agreement}{kept}", highlight=False)
 
     found = reproduce(items, folder, options.again, report)
-    counts = {
-        word: sum(each.agreement == word for each in found)
-        for word in ("agrees", "better", "differs", "failed")
-    }
-    console.print(", ".join(f"{count} {word}" for word, count in counts.items() if count), highlight=False)
+    if options.record is not None:
+        write_json(Path(options.record), record_of(found, datetime.now(UTC).isoformat(timespec="seconds")))
+    documents = [each.document for each in found]
+    console.print(f"items: {counted(documents)}", highlight=False)
+    console.print(f"rows: {counted(row for each in documents for row in each['rows'])}", highlight=False)
     console.print(f"written to {folder}; look at {folder / PAGE_FILE}", highlight=False, soft_wrap=True)
     print_document({each.name: {"agreement": each.agreement, **each.document} for each in found})
-    return 2 if counts["failed"] else 0
+    return 2 if any(each.agreement == FAILED for each in found) else 0
 
 
 COMMAND = Command(

@@ -120,6 +120,7 @@ class GyroSensor(Sensor):
                 NumberRange(1e-9, 1e3, zero=True),
                 default=0.0,
                 in_dataset=False,
+                remark="White noise of each sample in proportion to the rate. A constant error is calibration.gyro_scale_std.",
             ),
         ),
         allowed=RATE,

@@ -7,10 +7,13 @@ from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.attitude_expressions import Expression, conjugate, rotate
+from spinfilters.core.errors import InputError
 from spinfilters.io.camera import Rig
+from spinfilters.io.input_file import path_text
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import NoiseOption, SensorFormat, SensorNoise
 from spinfilters.io.stated_values import NumberRange
+from spinfilters.io.text_table import Table
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor import (
     AnalysedSensor,
@@ -30,6 +33,22 @@ FIELD: Final = (2e-5, -1e-5, 4e-5)
 """Field of a simulated scene, T, frame i: of the size of the Earth's in a low orbit."""
 LARGEST_FIELD: Final = 1e-4
 """Of an outlier, T along each axis."""
+
+STRONGEST_RATIO: Final = 10.0
+"""Of the measured field over that of the model, or the reverse: beyond it both are hardly in one unit."""
+
+
+def require_one_unit(table: Table) -> None:
+    """Raise InputError where measured and modelled fields differ so much in strength that one of them is not in T."""
+    measured, modelled = (
+        float(np.median(np.linalg.norm(each, axis=1)))
+        for each in (table.values[:, 1:4], table.values[:, 4:7])
+    )
+    if not measured < STRONGEST_RATIO * modelled or not modelled < STRONGEST_RATIO * measured:
+        raise InputError(
+            f"{path_text(table.path)}: the measured field bx, by, bz has {measured:.3g} T, that of the model fx, fy, fz "
+            f"{modelled:.3g} T (medians); give both in tesla: 1 uT = 1e-6 T, 1 nT = 1e-9 T, 1 gauss = 1e-4 T"
+        )
 
 
 class Magnetometer(MeasurementModel):
@@ -83,6 +102,7 @@ class MagnetometerSensor(Sensor):
             ),
         ),
         allowed=NumberRange(-1e3, 1e3, "T"),
+        check=require_one_unit,
     )
     analysis = AnalysedSensor(
         Magnetometer,

@@ -182,7 +182,7 @@ def perspective_pose(
         return None
     std = float(np.median(1.0 / np.abs(model.whitening(model.layout.origin(), parameters)[:, 0, 0])))
     start = _rough_pose(points[usable], rays[usable], AGREEMENT * std / calibration[0])
-    return None if start is None else _refined(model, parameters, pixels, start)
+    return None if start is None else _refine_pose(model, parameters, pixels, start)
 
 
 def _rough_pose(
@@ -204,7 +204,7 @@ def _rough_pose(
     return np.concatenate([shift.ravel(), quaternion_from_rotation_vector(turn.ravel())])
 
 
-def _refined(
+def _refine_pose(
     model: MeasurementModel, parameters: np.ndarray, pixels: np.ndarray, pose: Float[np.ndarray, " 7"]
 ) -> Float[np.ndarray, " 7"] | None:
     """Gauss-Newton on the matches within a gate that closes while the pose settles."""

@@ -142,8 +142,8 @@ class MapInProgress:
     ) -> None:
         """Observations of distinct landmarks ``where``, as points in g with their information."""
         vacant = self.hits[where] == 0
-        chosen = vacant[:, CHOSEN] | self._agrees(where, CHOSEN, information, points)
-        alternative = ~chosen & self._agrees(where, ALTERNATIVE, information, points)
+        chosen = vacant[:, CHOSEN] | self._agrees_with_candidate(where, CHOSEN, information, points)
+        alternative = ~chosen & self._agrees_with_candidate(where, ALTERNATIVE, information, points)
         fresh = ~chosen & ~alternative & (self.hits[where, ALTERNATIVE] <= 1)
         self.information[where[fresh], ALTERNATIVE] = 0.0
         self.weighted[where[fresh], ALTERNATIVE] = 0.0
@@ -162,7 +162,7 @@ class MapInProgress:
         covariance = np.linalg.inv(self.information[where, candidate])
         return (covariance @ self.weighted[where, candidate][..., None])[..., 0], covariance
 
-    def _agrees(
+    def _agrees_with_candidate(
         self, where: np.ndarray, candidate: int, information: np.ndarray, points: np.ndarray
     ) -> Bool[np.ndarray, " k"]:
         result = self.hits[where, candidate] > 0
@@ -227,14 +227,14 @@ def poses_without_map(
         poses.append(None if fitted is None else fitted.pose)
     fits: list[FittedPose | None] = []
     for _ in range(PASSES):
-        building = _built(views, poses, ids)
+        building = _build_map(views, poses, ids)
         fits = fit_poses([_matches(tracks, rows, building, noise) for _, rows in chosen], calibration)
         poses = [None if fitted is None else fitted.pose for fitted in fits]
     agreed = [
         view.only(_agreed_ids(tracks, rows, building, fitted))
         for view, (_, rows), fitted in zip(views, chosen, fits, strict=True)
     ]
-    building = _built(views, poses, ids)
+    building = _build_map(views, poses, ids)
     seen = np.flatnonzero(building.seen)
     known = KnownMap(ids[seen], building.points(seen)[0])
     by_time = {time: fitted for (time, _), fitted in zip(chosen, fits, strict=True)}
@@ -281,7 +281,7 @@ def _view(
     return StereoView(tracks.ids[rows][good], camera[good], information, tracks.values[rows][good], own)
 
 
-def _built(
+def _build_map(
     views: Sequence[StereoView], poses: Sequence[Float[np.ndarray, " 7"] | None], ids: Int[np.ndarray, " n"]
 ) -> MapInProgress:
     """The map of all views that have a pose."""

@@ -239,16 +239,16 @@ class Consensus:
 def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> Consensus:
     """Rough poses of f epochs, those that most of their matches agree on."""
     seen = _UsableMatches.of(table, calibration)
-    poses, found = _trimmed(seen)
+    poses, found = _trim_matches(seen)
     unclear = found & (seen.share(seen.agreeing(poses)) < CLEAR_SHARE)
     for epoch in np.flatnonzero(unclear).tolist():
         poses[epoch] = _best_of_triples(seen.epoch(epoch))
-    poses = _refined(seen, poses, found)
+    poses = _refine_poses(seen, poses, found)
     agreeing = seen.agreeing(poses) & found[:, None]
     return Consensus(poses, found & (seen.share(agreeing) >= SMALLEST_SHARE), agreeing)
 
 
-def _refined(
+def _refine_poses(
     seen: _UsableMatches, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
 ) -> Float[np.ndarray, "h 7"]:
     """Poses refitted to their inliers until the inliers stay the same; undetermined poses are kept."""
@@ -264,7 +264,7 @@ def _refined(
     return poses
 
 
-def _trimmed(seen: _UsableMatches) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
+def _trim_matches(seen: _UsableMatches) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
     """Absolute orientations, repeated without what disagrees grossly."""
     keep = seen.usable
     poses, found = seen.fitted(keep)
@@ -296,7 +296,7 @@ def _best_of_triples(seen: _UsableMatches) -> Float[np.ndarray, " 7"]:
     generator = np.random.default_rng(SEED)
     best, least = np.zeros(7), np.inf
     for batch in range(1, LARGEST_SEARCH + 1):
-        poses = _refined(seen, _promising(seen, generator))
+        poses = _refine_poses(seen, _cheapest_motions(seen, generator))
         costs = seen.cost(poses)
         cheapest = int(np.argmin(costs))
         if costs[cheapest] < least:
@@ -306,7 +306,7 @@ def _best_of_triples(seen: _UsableMatches) -> Float[np.ndarray, " 7"]:
     return best
 
 
-def _promising(seen: _UsableMatches, generator: np.random.Generator) -> Float[np.ndarray, "r 7"]:
+def _cheapest_motions(seen: _UsableMatches, generator: np.random.Generator) -> Float[np.ndarray, "r 7"]:
     """The cheapest motions of a batch of triples."""
     chosen = generator.random((TRIPLES, seen.points.shape[1])).argpartition(2, axis=1)[:, :3]
     poses = absolute_orientations(seen.camera[0][chosen], seen.points[0][chosen]).poses

@@ -135,11 +135,11 @@ def fit_poses(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -
     """
     found: list[FittedPose | None] = []
     for first in range(0, len(epochs), EPOCHS_AT_ONCE):
-        found += _fitted(epochs[first : first + EPOCHS_AT_ONCE], calibration)
+        found += _fit_poses(epochs[first : first + EPOCHS_AT_ONCE], calibration)
     return found
 
 
-def _fitted(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> list[FittedPose | None]:
+def _fit_poses(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> list[FittedPose | None]:
     table = MatchTable.of(epochs, calibration)
     fits: list[FittedPose | None] = [None] * len(epochs)
     if not table.given.any():
@@ -203,7 +203,7 @@ def _gauss_newton(
     agreeing: Bool[np.ndarray, "f k"],
 ) -> _Step:
     """A step from poses and points (m, frame g) of these epochs."""
-    innovation, jacobian, valid, by_left = _linearised(model, table, poses, points)
+    innovation, jacobian, valid, by_left = _linearise_matches(model, table, poses, points)
     squares = np.square(innovation).sum(axis=2)
     inliers = valid & _within_gate(np.abs(innovation).max(axis=2), agreeing)
     determined = np.count_nonzero(inliers, axis=1) >= np.maximum(4, SMALLEST_SHARE * table.counts)
@@ -221,7 +221,7 @@ def _gauss_newton(
     return _Step(model.layout.retract(poses, step), points, information, inliers, squares, length, determined)
 
 
-def _linearised(
+def _linearise_matches(
     model: StereoLandmark,
     table: MatchTable,
     poses: Float[np.ndarray, "f 7"],

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from spinfilters.io.output_files import write_text
@@ -74,7 +75,11 @@ def _reader_rows(mesh: TriangleMesh, again: TriangleMesh) -> list[ComparedNumber
     """What a reader must not change: facets, volume, closed edges."""
     before, after = mass_properties(mesh).volume, mass_properties(again).volume
     return [
-        ComparedNumber("facets that were read", len(again.triangles), printed=float(len(mesh.triangles))),
+        ComparedNumber(
+            "facets that were read, of those written",
+            len(again.triangles) / len(mesh.triangles),
+            expected=(1.0, 1.0),
+        ),
         ComparedNumber("edges that do not join two facets", again.open_edges, expected=(0.0, 0.0)),
         ComparedNumber(
             "volume that was read over the one written", after / before, expected=(1 - 1e-6, 1 + 1e-6)
@@ -133,11 +138,20 @@ def make_moved_cube() -> ItemResult:
     angle = float(np.degrees(np.arctan2(edge[1], edge[0])))
     rows = [
         ComparedNumber(
-            f"centre of the moved cube, {axis}", float(ours), printed=printed, unit="mm", tolerance=0.5
+            f"centre of the moved cube, {axis}",
+            float(ours),
+            printed=printed,
+            unit="mm",
+            tolerance=0.5,
+            given=True,
         )
         for axis, ours, printed in zip("xyz", centre, (1500.0, 1000.0, 0.0), strict=True)
     ]
-    rows.append(ComparedNumber("rotation of an edge about z", angle, printed=45.0, unit="deg", tolerance=0.5))
+    rows.append(
+        ComparedNumber(
+            "rotation of an edge about z", angle, printed=45.0, unit="deg", tolerance=0.5, given=True
+        )
+    )
     figure = _mesh_figure(
         [cube, moved], [GREEN, ORANGE], "the cube about the lidar (green), moved and rotated (yellow)"
     )
@@ -171,7 +185,7 @@ def make_windows() -> ItemResult:
         }
         for k, (elevation, azimuth) in enumerate(WINDOWS)
     ]
-    return ItemResult(rows, tables={"windows": table}, note=note)
+    return ItemResult(rows, {"windows": _windows_figure()}, {"windows": table}, note=note)
 
 
 def _shares_inside(origin: float) -> list[float]:
@@ -231,6 +245,7 @@ def make_rays() -> ItemResult:
             printed=5.0,
             unit="deg",
             tolerance=1e-6,
+            given=True,
         ),
         ComparedNumber(
             "step between rays in elevation",
@@ -238,8 +253,9 @@ def make_rays() -> ItemResult:
             printed=10.0,
             unit="deg",
             tolerance=1e-6,
+            given=True,
         ),
-        ComparedNumber("steps in a window for one of the field", float(density), printed=2.0),
+        ComparedNumber("steps in a window for one of the field", float(density), printed=2.0, given=True),
     ]
     note = (
         "The resolutions 5 and 10 are taken as degrees between rays. As numbers of rays, which Table 2.2 has, steps would be "
@@ -252,7 +268,7 @@ def make_specification() -> ItemResult:
     """Figure 2.11: errors of Jena-Optronik's RVS, as 3-sigma figures."""
     short, long = rvs_noise(biased=True), rvs_noise(long_range=True, biased=True)
     rows = [
-        ComparedNumber(what, float(ours), printed=printed, unit=unit, tolerance=1e-9)
+        ComparedNumber(what, float(ours), printed=printed, unit=unit, tolerance=1e-9, given=True)
         for what, ours, printed, unit in (
             ("azimuth, 3 sigma, typical", 3 * np.rad2deg(short.azimuth_std), 0.01, "deg"),
             ("elevation, 3 sigma, typical", 3 * np.rad2deg(short.elevation_std), 0.02, "deg"),
@@ -265,6 +281,7 @@ def make_specification() -> ItemResult:
     ]
     return ItemResult(
         rows,
+        {"ranges": _range_errors_figure()},
         note="Eq. 2.6 divides 0.1 by three, the long-range figure, where the text takes the short-range one.",
     )
 
@@ -280,9 +297,11 @@ def make_inputs() -> ItemResult:
             ("rays in either angle", float(found[1]), float(rays), ""),
             ("distance", found[2], distance, "m"),
         ):
-            rows.append(ComparedNumber(f"{name}, {what}", ours, printed=printed, unit=unit))
-        agrees = preset.rotation == rotation
-        rows.append(ComparedNumber(f"{name}, Euler angles as printed", float(agrees), expected=(1.0, 1.0)))
+            rows.append(ComparedNumber(f"{name}, {what}", ours, printed=printed, unit=unit, given=True))
+        for axis, ours, printed in zip("zyx", preset.rotation, rotation, strict=True):
+            rows.append(
+                ComparedNumber(f"{name}, angle about {axis}", ours, printed=printed, unit="deg", given=True)
+            )
         table.append(
             {
                 "figure": name.removeprefix("figure-"),
@@ -296,7 +315,8 @@ def make_inputs() -> ItemResult:
         )
     return ItemResult(
         rows,
-        tables={"inputs": table},
+        {"spacings": _inputs_figure()},
+        {"inputs": table},
         note='The columns headed "Az. Res. Degree" and "El. Res. Degree" hold numbers of rays.',
     )
 
@@ -336,7 +356,7 @@ def _cube_rows(_: Scan, points: Float[np.ndarray, "n 3"]) -> list[ComparedNumber
     """Three faces of the cube, exactly."""
     off = _off_surface(points)
     return [
-        ComparedNumber("faces with points", float(len(_faces_seen(points))), printed=3.0),
+        ComparedNumber("faces with points", float(len(_faces_seen(points))), expected=(3.0, 3.0)),
         ComparedNumber(
             "largest distance of a point from the cube's surface",
             float(off.max()),
@@ -363,6 +383,7 @@ def _density_rows(scan: Scan) -> list[ComparedNumber]:
             float(np.sqrt(np.count_nonzero(dense) / inside)),
             printed=2.0,
             tolerance=0.1,
+            given=True,
         ),
         ComparedNumber(
             "share of the window's rays that meet the cube",
@@ -376,7 +397,12 @@ def _range_rows(_: Scan, points: Float[np.ndarray, "n 3"]) -> list[ComparedNumbe
     """Range noise of 0.01 m (3 sigma) does not produce visible change."""
     return [
         ComparedNumber(
-            "range noise, 3 sigma", 3 * RANGE_NOISE.range_std, printed=0.01, unit="m", tolerance=1e-9
+            "range noise, 3 sigma",
+            3 * RANGE_NOISE.range_std,
+            printed=0.01,
+            unit="m",
+            tolerance=1e-9,
+            given=True,
         ),
         ComparedNumber(
             "RMS distance of the points from the surface over the cube's side: not visible",
@@ -398,6 +424,7 @@ def _angle_rows(scan: Scan, points: Float[np.ndarray, "n 3"]) -> list[ComparedNu
             printed=0.01,
             unit="deg",
             tolerance=1e-9,
+            given=True,
         ),
         ComparedNumber(
             "noise of the elevation, 3 sigma",
@@ -405,6 +432,7 @@ def _angle_rows(scan: Scan, points: Float[np.ndarray, "n 3"]) -> list[ComparedNu
             printed=0.02,
             unit="deg",
             tolerance=1e-9,
+            given=True,
         ),
         ComparedNumber(
             "RMS departure of rows of rays from straight lines, in rays",
@@ -437,6 +465,67 @@ def _faces_seen(points: Float[np.ndarray, "n 3"]) -> set[tuple[int, float]]:
     side = np.sign(points[np.arange(len(points)), axis])
     pairs, counts = np.unique(np.stack([axis, side], axis=1), axis=0, return_counts=True)
     return {(int(a), float(s)) for (a, s), count in zip(pairs, counts, strict=True) if count >= 10}
+
+
+def _windows_figure() -> Figure:
+    """Both windows in the field of view, counted from its corner and from its axis."""
+    figure = Figure(figsize=(10.0, 5.2), layout="constrained")
+    for axes, (words, origin) in zip(
+        figure.subplots(1, 2), (("the corner of the field", 25.0), ("its axis", 0.0)), strict=True
+    ):
+        axes.plot([-25, 25, 25, -25, -25], [-25, -25, 25, 25, -25], color=BLACK, label="field of 50 x 50 deg")
+        for number, (((e, de), (a, da)), colour) in enumerate(zip(WINDOWS, (BLUE, RED), strict=True), 1):
+            corner = (a - origin, e - origin)
+            axes.add_patch(Rectangle(corner, da, de, color=colour, alpha=0.5, label=f"window {number}"))
+        axes.set(xlim=(-30, 35), ylim=(-30, 40), xlabel="azimuth [deg]", ylabel="elevation [deg]")
+        axes.set(title=f"starts counted from {words}", aspect="equal")
+        tidy(axes)
+    legend_below(figure, figure.axes[0].get_legend_handles_labels()[0])
+    return figure
+
+
+def _range_errors_figure() -> Figure:
+    """What the figures of the specification do to a point over its distance, 3 sigma, along and across the beam."""
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.subplots()
+    distance = np.geomspace(1.0, 1000.0, 50)
+    for (name, noise), colour in zip(
+        (("short range", rvs_noise(biased=True)), ("long range", rvs_noise(long_range=True, biased=True))),
+        (BLUE, RED),
+        strict=True,
+    ):
+        axes.axhline(3 * noise.range_std, color=colour, label=f"along the beam, {name}")
+        axes.axhline(noise.range_bias, color=colour, linestyle=":", label=f"bias along the beam, {name}")
+    short = rvs_noise(biased=True)
+    for name, angle, style in (
+        ("azimuth", 3 * short.azimuth_std, "-"),
+        ("elevation", 3 * short.elevation_std, "--"),
+        ("bias of the line of sight", short.azimuth_bias, ":"),
+    ):
+        axes.loglog(
+            distance, distance * angle, color=GREEN, linestyle=style, label=f"across the beam, {name}"
+        )
+    axes.set(xlabel="distance [m]", ylabel="error of a point, 3 sigma [m]")
+    axes.set_title("errors of the RVS", loc="left", fontsize="medium")
+    axes.legend(frameon=False, fontsize="small")
+    tidy(axes)
+    return figure
+
+
+def _inputs_figure() -> Figure:
+    """Distance between neighbouring rays on the body, of every figure, over its size."""
+    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
+    axes = figure.subplots()
+    spacings = [
+        1000.0 * distance * np.deg2rad(view) / (rays - 1) for view, rays, _, distance in INPUTS.values()
+    ]
+    places = np.arange(len(INPUTS))[::-1]
+    axes.barh(places, spacings, 0.6, color=BLUE)
+    axes.set_yticks(places, [name.replace("figure-", "Figure ") for name in INPUTS])
+    axes.set_xlabel("distance between neighbouring rays at the body [mm]")
+    axes.set_title("inputs of the ray tracer", loc="left", fontsize="medium")
+    tidy(axes)
+    return figure
 
 
 def _mesh_figure(meshes: Sequence[TriangleMesh], colours: Sequence[str], title: str) -> Figure:

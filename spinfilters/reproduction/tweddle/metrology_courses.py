@@ -45,7 +45,14 @@ from spinfilters.plots.style import (
     truth_handle,
 )
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
-from spinfilters.reproduction.tweddle.metrology_comparison import GYRO, REPEATABLE, SPEED, STEP
+from spinfilters.reproduction.tweddle.metrology_comparison import (
+    ACCURATE,
+    GYRO,
+    REPEATABLE,
+    SPEED,
+    STEP,
+    TABLE_1,
+)
 from spinfilters.reproduction.tweddle.reference_inertia import ESLINGER, RATE, principal_axes
 from spinfilters.simulation.inspector import dead_band
 
@@ -61,10 +68,10 @@ PLACE: Final = np.array([0.0, 0.0, 0.6])
 """Of the target before the inspector at the begin, m."""
 NOTE: Final = (
     "The recordings are lost: target, inspector and metrology are simulated with what section 6.2 states, repeatable to 2 mm and "
-    "1 deg, spin-up from 40 to 75 s to (0.5, 10, 0.5) rpm. Its rate and the noise of gyros and velocities are not printed: 5 Hz, "
+    "1 deg about constant errors of 10 mm and 3 deg in drawn directions, spin-up from 40 to 75 s to (0.5, 10, 0.5) rpm. Its "
+    "rate and the noise of gyros and velocities are not printed: 5 Hz, "
     "0.5 deg/s and 1 mm/s are taken. The printed curves are not compared, only what the text says of them."
 )
-CHOSEN: Final = "what is simulated depends on the choices that the note names"
 
 
 @dataclass(frozen=True)
@@ -73,11 +80,12 @@ class Metrology:
 
     Attributes
     ----------
-    measured, true : ReferenceMotion
-        Poses, rates about the body's axes and velocities.
+    measured, shifted, true : ReferenceMotion
+        Poses, rates about the body's axes and velocities: as measured, with the constant errors alone, and without any.
     """
 
     measured: ReferenceMotion
+    shifted: ReferenceMotion
     true: ReferenceMotion
 
 
@@ -92,9 +100,15 @@ def _spin(time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float
 
 
 @cache
-def target() -> Metrology:
-    """The target: torques along its momentum change how fast it runs through a torque-free motion, and nothing else."""
-    time = np.arange(0.0, END + STEP / 2, STEP)
+def target(end: float = END) -> Metrology:
+    """The target: torques along its momentum change how fast it runs through a torque-free motion, and nothing else.
+
+    Parameters
+    ----------
+    end : float
+        Of the recording, s.
+    """
+    time = np.arange(0.0, end + STEP / 2, STEP)
     moments, R = principal_axes(ESLINGER)
     share, turned = _spin(time)
     q = quaternion_from_matrix(R)
@@ -102,7 +116,7 @@ def target() -> Metrology:
     attitude = multiply(motion.attitude, np.tile(inverse(q), (len(time), 1)))
     rate = share[:, None] * rotate(np.tile(q, (len(time), 1)), motion.rate)
     position = PLACE + time[:, None] * DRIFT
-    return _measured("target", time, attitude, position, rate, np.tile(DRIFT, (len(time), 1)), 61)
+    return measured_motion("target", time, attitude, position, rate, np.tile(DRIFT, (len(time), 1)), 61)
 
 
 @cache
@@ -113,10 +127,10 @@ def inspector() -> Metrology:
     poses, before, after = path(time), path(time - 0.01), path(time + 0.01)
     velocity = (after[:, :3] - before[:, :3]) / 0.02
     rate = rotation_vector_from_quaternion(multiply(inverse(before[:, 3:]), after[:, 3:])) / 0.02
-    return _measured("inspector", time, poses[:, 3:], poses[:, :3], rate, velocity, 62)
+    return measured_motion("inspector", time, poses[:, 3:], poses[:, :3], rate, velocity, 62)
 
 
-def _measured(
+def measured_motion(
     name: str,
     time: np.ndarray,
     attitude: np.ndarray,
@@ -125,39 +139,84 @@ def _measured(
     velocity: np.ndarray,
     seed: int,
 ) -> Metrology:
-    drawn = np.random.default_rng(seed).normal(size=(4, len(time), 3))
-    noisy = multiply(attitude, quaternion_from_rotation_vector(REPEATABLE[1] * drawn[0]))
+    """Metrology of a true motion with both kinds of errors.
+
+    Parameters
+    ----------
+    name : str
+        Of the body.
+    time : (n,) float array
+        s.
+    attitude, position, rate, velocity : (n, 4), (n, 3), (n, 3), (n, 3) float array
+        True: of the geometric axes, m, about these axes in rad/s, m/s.
+    seed : int
+        Of the errors.
+    """
+    generator = np.random.default_rng(seed)
+    drawn = generator.normal(size=(4, len(time), 3))
+    direction = generator.normal(size=(2, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    off = quaternion_from_rotation_vector(ACCURATE[1] * direction[0])
+    turned = multiply(np.broadcast_to(off, attitude.shape), attitude)
+    moved = position + ACCURATE[0] * direction[1]
     measured = ReferenceMotion(
         f"metrology of the {name}",
         time,
-        continuous_quaternions(noisy),
-        position + REPEATABLE[0] * drawn[1],
+        continuous_quaternions(multiply(turned, quaternion_from_rotation_vector(REPEATABLE[1] * drawn[0]))),
+        moved + REPEATABLE[0] * drawn[1],
         rate + GYRO * drawn[2],
         velocity + SPEED * drawn[3],
     )
-    return Metrology(
-        measured,
-        ReferenceMotion(f"the {name}", time, continuous_quaternions(attitude), position, rate, velocity),
+    shifted = ReferenceMotion(
+        f"the {name}, displaced", time, continuous_quaternions(turned), moved, rate, velocity
     )
+    true = ReferenceMotion(f"the {name}", time, continuous_quaternions(attitude), position, rate, velocity)
+    return Metrology(measured, shifted, true)
 
 
-def _scatter(name: str, ours: float, printed: float, unit: str) -> ComparedNumber:
+def _repeatable(name: str, ours: float, printed: float, unit: str, count: int) -> ComparedNumber:
     """A repeatability: 5 % holds four deviations of an estimate from 600 rows of three axes."""
     return ComparedNumber(
-        f"{name}, scatter of a row about the true course, one axis",
+        f"{name}, scatter of a row about the course with the constant error, one axis",
         ours,
         printed=printed,
         unit=unit,
         tolerance=0.05 * printed,
-        why=CHOSEN,
+        why=f"the scatter of {count} rows of three axes is known to {100 / math.sqrt(6 * count):.1g} %",
+        given=True,
+    )
+
+
+def _accurate(name: str, ours: float, printed: float, unit: str, chance: float) -> ComparedNumber:
+    """A constant error: its mean over the rows, within four deviations of that."""
+    return ComparedNumber(
+        f"{name}, length of the mean error",
+        ours,
+        printed=printed,
+        unit=unit,
+        tolerance=4.0 * chance,
+        why=f"the mean is known to {chance:.2g} {unit}, and this is more than four times that",
+        given=True,
     )
 
 
 def _position(motion: Metrology, words: str) -> ItemResult:
     measured, true = _blocks(motion, "position")
-    row = _scatter("positions", 1e3 * float(np.std(measured - true)), 1e3 * REPEATABLE[0], "mm")
+    shifted = motion.shifted.position
+    assert shifted is not None
+    count, scatter = len(measured), 1e3 * REPEATABLE[0]
+    rows = [
+        _repeatable("positions", 1e3 * float(np.std(measured - shifted)), scatter, "mm", count),
+        _accurate(
+            "positions",
+            1e3 * float(np.linalg.norm(np.mean(measured - true, axis=0))),
+            1e3 * ACCURATE[0],
+            "mm",
+            scatter / math.sqrt(count),
+        ),
+    ]
     figure = _courses(motion, measured, true, 1e3, "position [mm]", f"{words}: position")
-    return ItemResult([row], {"position": figure}, note=NOTE)
+    return ItemResult(rows, {"position": figure}, note=NOTE)
 
 
 def _velocity(motion: Metrology, words: str) -> ItemResult:
@@ -173,7 +232,7 @@ def _velocity(motion: Metrology, words: str) -> ItemResult:
             float(off),
             expected=(0.0, limit),
             unit="mm/s",
-            why=CHOSEN,
+            why=f"four deviations are {limit:.2g} mm/s, which chance exceeds once in 16000 draws",
         )
     ]
     figure = _courses(motion, measured, true, 1e3, "velocity [mm/s]", f"{words}: velocity")
@@ -182,12 +241,23 @@ def _velocity(motion: Metrology, words: str) -> ItemResult:
 
 def _attitude(motion: Metrology, words: str) -> ItemResult:
     measured, true = _blocks(motion, "attitude")
-    angle = angle_between(measured, true)
-    off = math.degrees(float(np.sqrt(np.mean(angle**2) / 3)))
+    shifted = motion.shifted.attitude
+    assert shifted is not None
+    count, scatter = len(measured), math.degrees(REPEATABLE[1])
+    off = math.degrees(float(np.sqrt(np.mean(angle_between(measured, shifted) ** 2) / 3)))
+    mean = np.mean(rotation_vector_from_quaternion(multiply(measured, inverse(true))), axis=0)
+    rows = [
+        _repeatable("attitudes", off, scatter, "deg", count),
+        _accurate(
+            "attitudes",
+            math.degrees(float(np.linalg.norm(mean))),
+            math.degrees(ACCURATE[1]),
+            "deg",
+            scatter / math.sqrt(count),
+        ),
+    ]
     figure = _courses(motion, measured, true, 1.0, "quaternion", f"{words}: attitude")
-    return ItemResult(
-        [_scatter("attitudes", off, math.degrees(REPEATABLE[1]), "deg")], {"attitude": figure}, note=NOTE
-    )
+    return ItemResult(rows, {"attitude": figure}, note=NOTE)
 
 
 def _blocks(motion: Metrology, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -220,15 +290,26 @@ def make_target_rate() -> ItemResult:
     begin, end = _ramp(time, measured[:, 1])
     after = (time > SPUN) & (time < SPUN + 5.0)
     rows = [
-        ComparedNumber("spin-up begins", begin, printed=BEGIN, unit="s", tolerance=0.5, why=CHOSEN),
-        ComparedNumber("spin-up ends", end, printed=SPUN, unit="s", tolerance=0.5, why=CHOSEN),
+        *(
+            ComparedNumber(
+                f"spin-up {word}",
+                ours,
+                printed=printed,
+                unit="s",
+                tolerance=0.5,
+                why=f"a rate is measured to {math.degrees(GYRO):g} deg/s every {STEP:g} s",
+                given=True,
+            )
+            for word, ours, printed in (("begins", begin, BEGIN), ("ends", end, SPUN))
+        ),
         ComparedNumber(
             "rate about y in the first 5 s of free motion",
             float(np.mean(measured[after, 1])) / RPM,
             printed=float(RATE[1]),
             unit="rpm",
             tolerance=0.1,
-            why=CHOSEN,
+            why=f"the body's own motion takes it from {RATE[1]:g} rpm within the first 5 s",
+            given=True,
         ),
     ]
     figure = _courses(motion, measured, true, math.degrees(1.0), "rate [deg/s]", "Target: angular velocity")
@@ -269,7 +350,7 @@ def make_inspector_rate() -> ItemResult:
             mean,
             expected=(0.0, 0.1),
             unit="deg/s",
-            why=CHOSEN,
+            why=f"the mean of {len(measured)} rows is known to {math.degrees(GYRO) / math.sqrt(len(measured)):.1g} deg/s an axis",
         )
     ]
     figure = _courses(
@@ -298,13 +379,25 @@ def make_rotational_energy() -> ItemResult:
             printed=-100 * LOSS,
             unit="%",
             tolerance=max(0.05, 300 * std),
-            bound=100 * std,
-            why=CHOSEN,
+            bound=100 * _loss_bound(),
+            why=f"its deviation is {100 * std:.2g} %, and this is more than three times that",
+            given=True,
         ),
         _count_inside_band(course, held),
     ]
     figure = _energy_figure(course, held, 1e3, "energy [mJ]", "Rotational kinetic energy of the target")
     return ItemResult(rows, {"energy": figure}, {"energy": _energy_table(course)}, note=NOTE)
+
+
+def _loss_bound() -> float:
+    """Bound of the share of energy that is lost in free motion, whose course is known up to its rate at first and its decay."""
+    time, true = target().true.time, _blocks(target(), "rate")[1]
+    free = time >= SPUN
+    # w(t) = s exp(-d (t - SPUN)) times a known course: derivatives by the logarithm of s and by d
+    slopes = np.stack([true[free], -(time[free] - SPUN)[:, np.newaxis] * true[free]], axis=-1).reshape(-1, 2)
+    covariance = GYRO**2 * np.linalg.inv(slopes.T @ slopes)
+    # the share is 1 - exp(-2 d T)
+    return 2.0 * (END - SPUN) * (1.0 - LOSS) * float(np.sqrt(covariance[1, 1]))
 
 
 def make_translational_energy() -> ItemResult:
@@ -326,7 +419,7 @@ def _count_inside_band(course: EnergyCourse, true: Float[np.ndarray, " k"]) -> C
         100 * float(np.mean(inside)),
         expected=(97.0, 100.0),
         unit="%",
-        why=CHOSEN,
+        why=f"of a normal distribution 99.7 % lie within {SIGMAS:g} deviations; energies near zero are squares",
     )
 
 
@@ -335,6 +428,7 @@ def relative() -> Metrology:
     """The target as the inspector's axes see it (Eqs 6.10 to 6.12)."""
     return Metrology(
         relative_reference(target().measured, inspector().measured),
+        relative_reference(target().shifted, inspector().shifted),
         relative_reference(target().true, inspector().true),
     )
 
@@ -345,21 +439,42 @@ def make_relative_motion() -> ItemResult:
     measured, true = _blocks(motion, "position")
     distance = float(np.mean(np.linalg.norm(true, axis=1)))
     expected = math.sqrt(2 * REPEATABLE[0] ** 2 + (distance * REPEATABLE[1]) ** 2 * 2 / 3)
-    ours = float(np.std(measured - true))
+    shifted, attitude = motion.shifted.position, motion.shifted.attitude
+    assert shifted is not None
+    assert attitude is not None
+    ours = float(np.std(measured - shifted))
     attitudes = _blocks(motion, "attitude")
-    angle = angle_between(*attitudes)
+    angle = angle_between(attitudes[0], attitude)
+    means = 10.0 * float(np.linalg.norm([TABLE_1[f"{axis} position"][0] for axis in "xyz"]))
+    largest = 1e3 * (2 * ACCURATE[0] + 1.2 * distance * ACCURATE[1])
+    off = 1e3 * float(np.linalg.norm(np.mean(measured - true, axis=0)))
+    why = f"the scatter of {len(measured)} rows of three axes is known to {100 / math.sqrt(6 * len(measured)):.1g} %"
     rows = [
+        ComparedNumber(
+            "relative positions, length of the mean error: within what the accuracy of both bodies allows",
+            off,
+            expected=(0.0, largest),
+            unit="mm",
+            why=f"two places off by 10 mm and an attitude off by 3 deg at {distance:.2g} m are {largest:.2g} mm at most",
+        ),
+        ComparedNumber(
+            "the same, less than the means of Table 6.1, which the text ascribes to the inspector's attitude",
+            off,
+            expected=(0.0, means),
+            unit="mm",
+            why=f"the means of Table 6.1 are {means:.3g} mm long, of directions that chance chose",
+        ),
         ComparedNumber(
             "relative positions, scatter of an axis over what the errors of both bodies give",
             ours / expected,
             expected=(0.95, 1.05),
-            why=CHOSEN,
+            why=why,
         ),
         ComparedNumber(
             "relative attitudes, scatter of an axis over what the errors of both bodies give",
             float(np.sqrt(np.mean(angle**2) / 3)) / (math.sqrt(2.0) * REPEATABLE[1]),
             expected=(0.95, 1.05),
-            why=CHOSEN,
+            why=why,
         ),
     ]
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
@@ -385,7 +500,8 @@ def make_difference_rate() -> ItemResult:
             "differenced rates about those of the gyros, over what the noise of both gives",
             scatter / expected,
             expected=(0.93, 1.07),
-            why=CHOSEN,
+            why=f"the scatter of {len(rate)} rows of three axes, whose neighbours share an attitude, is known to "
+            f"{100 / math.sqrt(4 * len(rate)):.1g} %",
         )
     ]
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")

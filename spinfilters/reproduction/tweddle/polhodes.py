@@ -35,10 +35,14 @@ def make_intermediate_axis() -> ItemResult:
     slope = np.polyfit(possible.time[small], np.log(disturbed[small]), 1)[0]
     rows = [
         ComparedNumber(
-            "turns over in one period, printed moments", _turns_over(printed.body_rate[:, 1]), printed=2.0
+            "turns over in one period, printed moments",
+            _turns_over(printed.body_rate[:, 1]),
+            expected=(2.0, 2.0),
         ),
         ComparedNumber(
-            "turns over in one period, a possible body", _turns_over(possible.body_rate[:, 1]), printed=2.0
+            "turns over in one period, a possible body",
+            _turns_over(possible.body_rate[:, 1]),
+            expected=(2.0, 2.0),
         ),
         ComparedNumber(
             "growth of a disturbance over that of Eq. 2.77", float(slope) / growth, expected=(0.95, 1.05)
@@ -56,7 +60,7 @@ def make_stable_axis(rate: tuple[float, float, float], kind: PolhodeKind, axis: 
         one = motion.time <= motion.period
         winding = np.unwrap(np.arctan2(*np.delete(motion.body_rate[one], axis, axis=1).T))
         rows += [
-            ComparedNumber(f"goes {kind.value}, {name}", float(found.kind is kind), printed=1.0),
+            ComparedNumber(f"goes {kind.value}, {name}", float(found.kind is kind), expected=(1.0, 1.0)),
             ComparedNumber(
                 f"turns about that axis in one period, {name}",
                 float(abs(winding[-1] - winding[0])) / (2 * math.pi),
@@ -76,7 +80,7 @@ def make_cones(moments: tuple[float, float, float], sense: str) -> ItemResult:
     nutation = float(np.arccos(motion.axes[:, 2, 2]).mean())
     together = found.body_half_angle + (-1.0 if inside else 1.0) * found.space_half_angle
     rows = [
-        ComparedNumber(f"nutation is {sense}", float(found.sense == sense), printed=1.0),
+        ComparedNumber(f"nutation is {sense}", float(found.sense == sense), expected=(1.0, 1.0)),
         ComparedNumber(
             "herpolhode: largest over least distance from the momentum",
             high / low,
@@ -89,7 +93,7 @@ def make_cones(moments: tuple[float, float, float], sense: str) -> ItemResult:
         ),
         ComparedNumber(
             "rolls without slip: path of the rate on body over that in space",
-            _rolled(motion),
+            _rolled_share(motion),
             expected=(1 - 1e-5, 1 + 1e-5),
         ),
     ]
@@ -100,7 +104,7 @@ def make_cones(moments: tuple[float, float, float], sense: str) -> ItemResult:
     )
 
 
-def _rolled(motion: RollingMotion) -> float:
+def _rolled_share(motion: RollingMotion) -> float:
     """Length of the polhode over that of the herpolhode."""
     body, space = (
         np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in (motion.body_rate, motion.space_rate)

@@ -1,7 +1,4 @@
-"""Eslinger's inertia of the target and the estimated one: Equations 6.1 to 6.6 and 6.16 to 6.27 (sections 6.2.2 and 6.5.2).
-
-Figures 6-23 to 6-26 race both inertias from one state.
-"""
+"""Eslinger's inertia of the target and the estimated one: Equations 6.1 to 6.6 and 6.16 to 6.27 (sections 6.2.2 and 6.5.2)."""
 
 import math
 from typing import Final
@@ -14,11 +11,8 @@ from spinfilters.core.attitude_conversions import (
     matrix_from_quaternion,
     quaternion_from_axis_angle,
 )
-from spinfilters.core.conventions import RPM
-from spinfilters.evaluation.inertia_race import NamedInertia, PropagatedInertia, propagate_inertias
 from spinfilters.evaluation.reference_fit import axis_and_angle
-from spinfilters.plots.prediction_figures import inertia_race_figure
-from spinfilters.plots.style import BLUE, RED, tidy
+from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREY, ORANGE, RED, tidy
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
 
 ESLINGER: Final = np.array(
@@ -36,16 +30,14 @@ AXIS_TURN: Final = math.radians(9.094)
 SCALE: Final = 2.34e-2
 RATE: Final = np.array([0.5, 10.0, 0.5])
 """rpm, commanded in section 6.2.1, geometric axes."""
+PRINTED_MOMENTS: Final = (0.0241, 0.0234, 0.0201)
+"""Eq. 6.3, kg m^2."""
 PRINTED_AXES: Final = (
     (0.9833, 0.1787, 0.0349),
     (-0.1783, 0.9838, -0.0160),
     (-0.0372, 0.0095, 0.9993),
 )
 """Eq. 6.4."""
-
-
-CLOSE_DEG: Final = 45.0
-"""What "very close" is read as, deg."""
 
 
 def principal_axes(J: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, "3 3"]]:
@@ -76,7 +68,7 @@ def make_reference_axes() -> ItemResult:
                 unit="kg m^2",
                 tolerance=0.5e-4,
             )
-            for k, printed in enumerate((0.0241, 0.0234, 0.0201))
+            for k, printed in enumerate(PRINTED_MOMENTS)
         ),
         *(
             ComparedNumber(
@@ -98,6 +90,7 @@ def make_reference_axes() -> ItemResult:
     ]
     return ItemResult(
         rows,
+        {"axes": _axes_figure(moments, R)},
         note="The printed axis with a positive angle is that of the transposed matrix: the rotation is by -10.52 deg about it, as "
         "the text says. The entries of Eq. 6.9 are illegible and are not compared.",
     )
@@ -118,6 +111,7 @@ def make_ratios() -> ItemResult:
     ]
     return ItemResult(
         rows,
+        {"ratios": _ratios_figure(moments)},
         note="k1 and k2 are rounded in print: with the half unit of both, Eq. 6.19 is compared to one unit of its last digit.",
     )
 
@@ -138,125 +132,76 @@ def make_geometric_inertia() -> ItemResult:
         ),
     ]
     return ItemResult(
-        rows, note=f"{slip} Entries are compared within the rounding of k1, k2 and the angle too."
-    )
-
-
-def race(
-    rate_rpm: Float[np.ndarray, " 3"], seconds: float
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Both inertias from one attitude and rate, rpm in geometric axes.
-
-    Returns
-    -------
-    time, angle, rate : (n,) float array
-        s; closest angle between both attitudes, rad; length of the difference of both body rates, rad/s.
-    """
-    time = np.linspace(0.0, seconds, int(20 * seconds) + 1)
-    first, second = _motions(rate_rpm, time)
-    return time, second.angle_from(first.attitude), second.rate_from(first.rate)
-
-
-def _motions(rate_rpm: Float[np.ndarray, " 3"], time: Float[np.ndarray, " n"]) -> list[PropagatedInertia]:
-    """The motion of the reference's inertia and of the estimated one."""
-    inertias = []
-    for name, J in (("Eslinger's inertia", ESLINGER), ("estimated", estimated_inertia())):
-        moments, R = principal_axes(J)
-        inertias.append(NamedInertia(name, moments, R.T))
-    return propagate_inertias(inertias, np.array([0.0, 0.0, 0.0, 1.0]), rate_rpm * RPM, time)
-
-
-def make_long_race() -> ItemResult:
-    """Figures 6-23 and 6-24: 80 s at the commanded rate."""
-    time, angle, rate = race(RATE, 80.0)
-    rows = [
-        ComparedNumber(
-            "both attitudes apart, largest in 80 s; the text says very close and prints no number, read here as 45 deg",
-            math.degrees(float(angle.max())),
-            expected=(0.0, CLOSE_DEG),
-            unit="deg",
-            why="the start of the test is not printed, and near the intermediate axis small differences grow: along the commanded "
-            "direction both part by more than 50 deg within 80 s at 5, 10, 15, 20 and 30 rpm",
-        ),
-    ]
-    return ItemResult(
         rows,
-        {"race": _race_figure(time, angle, rate, "10 rpm, 80 s")},
-        {"race": _race_table(time, angle, rate)},
-        note="The metrology of the test is lost: the two propagations are compared with each other, at the commanded rate "
-        "(0.5, 10, 0.5) rpm, which the target did not quite have.",
+        {"entries": _entries_figure(J)},
+        note=f"{slip} Entries are compared within the rounding of k1, k2 and the angle too.",
     )
 
 
-def make_long_motion() -> ItemResult:
-    """Figure 6-23: the rates of both over 80 s, with the number of Figure 6-24."""
-    return _with_motions(make_long_race(), 80.0)
-
-
-def make_short_motion() -> ItemResult:
-    """Figure 6-25: the rates of both over 12 s, with the numbers of Figure 6-26."""
-    return _with_motions(make_short_race(), 12.0)
-
-
-def _with_motions(found: ItemResult, seconds: float) -> ItemResult:
-    """The numbers of a race with the rates of both inertias."""
-    time = np.linspace(0.0, seconds, int(20 * seconds) + 1)
-    motions = _motions(RATE, time)
-    figure = inertia_race_figure(time, motions[1:], motions[0])
-    return ItemResult(found.rows, {"rates": figure}, note=found.note)
-
-
-def make_short_race() -> ItemResult:
-    """Figures 6-25 and 6-26: 12 s of a fast spin, whose rate is not printed."""
-    lost = (
-        "the rate of this test is not printed, and its metrology is lost; here 10 rpm along the commanded direction, both compared "
-        "with each other. At 15 rpm they are 15.5 deg and 25 deg/s apart: no rate along it gives both printed numbers"
+def _axes_figure(moments: Float[np.ndarray, "3"], R: Float[np.ndarray, "3 3"]) -> Figure:
+    """Eslinger's principal axes in the geometric ones, printed and ours."""
+    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
+    bars, panel = figure.subplots(1, 2)
+    places = np.arange(3)
+    bars.bar(places - 0.18, [1e3 * each for each in PRINTED_MOMENTS], 0.34, color=ORANGE, label="printed")
+    bars.bar(places + 0.18, 1e3 * moments, 0.34, color=BLUE, label="ours")
+    bars.set_xticks(places, ["major", "intermediate", "minor"])
+    bars.set_ylabel("principal moment [g m^2]")
+    bars.set_ylim(bottom=18.0)
+    bars.legend(frameon=False)
+    for k, colour in enumerate(AXIS_COLOURS):
+        panel.annotate("", xy=R[:2, k], xytext=(0, 0), arrowprops={"arrowstyle": "->", "color": colour})
+        panel.plot(*np.array(PRINTED_AXES)[:2, k], "o", color=colour, markerfacecolor="none", markersize=9)
+        panel.plot([], [], color=colour, label=f"principal axis {k + 1}")
+    panel.plot([], [], "o", color=BLACK, markerfacecolor="none", label="printed")
+    panel.set(
+        xlabel="x of the geometric axes", ylabel="y", xlim=(-0.4, 1.1), ylim=(-0.4, 1.1), aspect="equal"
     )
-    time, angle, rate = race(RATE, 12.0)
-    rows = [
-        ComparedNumber(
-            "both attitudes apart, largest in 12 s",
-            math.degrees(float(angle.max())),
-            printed=16.0,
-            unit="deg",
-            tolerance=0.5,
-            why=lost,
-        ),
-        ComparedNumber(
-            "both rates apart, largest in 12 s",
-            math.degrees(float(rate.max())),
-            printed=6.0,
-            unit="deg/s",
-            tolerance=0.5,
-            why=lost,
-        ),
-    ]
-    return ItemResult(
-        rows,
-        {"race": _race_figure(time, angle, rate, "10 rpm, 12 s")},
-        {"race": _race_table(time, angle, rate)},
-    )
-
-
-def _race_table(time: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> list[dict[str, float]]:
-    return [
-        {"time_s": float(t), "angle_deg": math.degrees(float(a)), "rate_deg_s": math.degrees(float(w))}
-        for t, a, w in zip(time[::20], angle[::20], rate[::20], strict=True)
-    ]
-
-
-def _race_figure(time: np.ndarray, angle: np.ndarray, rate: np.ndarray, words: str) -> Figure:
-    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    upper.plot(time, np.rad2deg(angle), color=BLUE)
-    upper.set_ylabel("attitudes apart [deg]")
-    lower.plot(time, np.rad2deg(rate), color=RED)
-    lower.set_ylabel("rates apart [deg/s]")
-    lower.set_xlabel("time [s]")
-    for axes in (upper, lower):
-        axes.set_ylim(bottom=0.0)
+    panel.legend(frameon=False, fontsize="small")
+    for axes, title in ((bars, "moments of Eq. 6.3"), (panel, "axes of Eq. 6.4, seen along z")):
+        axes.set_title(title, loc="left", fontsize="medium")
         tidy(axes)
-    figure.suptitle(f"estimated and reference inertia from one state, {words}")
+    return figure
+
+
+def _ratios_figure(moments: Float[np.ndarray, "3"]) -> Figure:
+    """Both inertias by their ratios, with the limit of rigid bodies."""
+    figure = Figure(figsize=(6.0, 4.6), layout="constrained")
+    axes = figure.subplots()
+    low = np.linspace(0.6, 1.0, 50)
+    axes.fill_between(
+        1.0 + 0.0 * low + low, low, 0.55, color=GREY, alpha=0.3, label="no rigid body: J1 > J2 + J3"
+    )
+    axes.plot(moments[0] / moments[1], moments[2] / moments[1], "s", color=RED, label="Eslinger's (Eq. 6.1)")
+    axes.plot(math.exp(K1), math.exp(-K2), "o", color=BLUE, label="estimated (Eqs 6.16 to 6.20)")
+    axes.plot(1.0, 1.0, "+", color=BLACK, markersize=12, label="sphere")
+    axes.set(xlabel="J1 / J2", ylabel="J3 / J2", xlim=(0.98, 1.8), ylim=(0.7, 1.05))
+    axes.set_title("ratios of the principal moments", loc="left", fontsize="medium")
+    axes.legend(frameon=False, fontsize="small")
+    tidy(axes)
+    return figure
+
+
+def _entries_figure(J: Float[np.ndarray, "3 3"]) -> Figure:
+    """Entries of the inertia in geometric axes over the middle moment: Eslinger's, printed, and ours."""
+    figure = Figure(figsize=(6.6, 4.0), layout="constrained")
+    axes = figure.subplots()
+    entries = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    places = np.arange(len(entries))
+    eslinger = ESLINGER / SCALE
+    for shift, colour, name, values in (
+        (-0.27, RED, "Eslinger's", [eslinger[i, j] for i, j in entries]),
+        (0.0, ORANGE, "estimated, printed", [1.0494, 1.0, 0.9110, 0.0, 0.0227, 0.0]),
+        (0.27, BLUE, "estimated, ours", [J[i, j] for i, j in entries]),
+    ):
+        axes.bar(places + shift, values, 0.25, color=colour, label=name)
+    axes.axhline(0.0, color=BLACK, linewidth=0.8)
+    axes.set_yscale("symlog", linthresh=0.01)
+    axes.set_xticks(places, [f"{'xyz'[i]}{'xyz'[j]}" for i, j in entries])
+    axes.set_ylabel("entry of J over the middle moment [-]")
+    axes.set_title("inertia in the geometric axes", loc="left", fontsize="medium")
+    axes.legend(frameon=False, fontsize="small")
+    tidy(axes)
     return figure
 
 
@@ -268,10 +213,6 @@ REFERENCE_INERTIA: Final = (
         make_reference_axes,
     ),
     tweddle_item("Equation 6.20", "with 6.16 to 6.19, section 6.5.2", "Ratios of the moments", make_ratios),
-    tweddle_item("Figure 6-23", "section 6.5.2", "Rates of two inertias over 80 s", make_long_motion),
-    tweddle_item("Figure 6-24", "section 6.5.2", "Race of two inertias over 80 s", make_long_race),
-    tweddle_item("Figure 6-25", "section 6.5.2", "Rates of two inertias over 12 s", make_short_motion),
-    tweddle_item("Figure 6-26", "section 6.5.2", "Race of two inertias over 12 s", make_short_race),
     tweddle_item(
         "Equation 6.27",
         "with 6.21 to 6.26, section 6.5.2",

@@ -8,14 +8,18 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from PIL import Image
 
+from spinfilters.evaluation.estimated_motion import body_history
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.prediction_errors import truth_in_frames_of
+from spinfilters.evaluation.recording_bound import cramer_rao_bound
+from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.camera import StereoRig
 from spinfilters.io.truth import Truth
 from spinfilters.lidar.mesh import TriangleMesh
+from spinfilters.models.body import BodyEstimate
 from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.run.reconstruction import Reconstruction, reconstruct
 from spinfilters.run.run_folder import ANIMATION_FILE, RECONSTRUCTION_FOLDER, write_run
@@ -30,6 +34,8 @@ from spinfilters.vision.track_images import track_images
 RADIUS: Final = 0.11
 """m, of the rendered satellite."""
 PAIRS: Final = 30
+FEW_PAIRS: Final = 10
+"""Of a short sequence."""
 TIME_LAPSE: Final = (0, 3, 6, 9)
 """Pairs that are shown."""
 RENDERED: Final = (
@@ -64,6 +70,10 @@ class RenderedRecording:
         That the front end found.
     association_s : float
         Time of processor that it took, s.
+    seen, new : (p,) int array
+        Observations in each pair, and landmarks that came in with it.
+    bound : EstimateHistory or None
+        True states with their Cramer-Rao bound.
     """
 
     reconstruction: Reconstruction
@@ -78,13 +88,27 @@ class RenderedRecording:
     observations: int
     landmarks: int
     association_s: float
+    seen: Int[np.ndarray, " p"]
+    new: Int[np.ndarray, " p"]
+    bound: EstimateHistory | None
+
+    @property
+    def bounded_body(self) -> BodyEstimate | None:
+        """True body with the bound of its deviations after all pairs."""
+        return None if self.bound is None else body_history(self.bound).at(-1)
 
 
 @cache
-def rendered_recording() -> RenderedRecording:
-    """Render, track, smooth and reconstruct by the commands' own functions."""
+def rendered_recording(pairs: int = PAIRS) -> RenderedRecording:
+    """Render, track, smooth and reconstruct by the commands' own functions.
+
+    Parameters
+    ----------
+    pairs : int
+        Of the sequence.
+    """
     scenario = ImageScenario(
-        Scenario(radius_m=RADIUS, epochs=PAIRS, interval=0.4, rate_rpm=RICH_RPM),
+        Scenario(radius_m=RADIUS, epochs=pairs, interval=0.4, rate_rpm=RICH_RPM),
         imaging=Imaging(oversampling=1, stars=0),
     )
     settings = Settings(estimators=("smoother",))
@@ -105,7 +129,7 @@ def rendered_recording() -> RenderedRecording:
                 picture.seek(number)
                 frames.append(np.asarray(picture.convert("L")))
         rectification = Rectification(read_raw_rig(images))
-        pairs = _rectified_pairs(images, rectification)
+        shown = _rectified_pairs(images, rectification)
     truth, evaluation = truth_in_frames_of(compared.evaluations[0]), compared.evaluations[0]
     told = dataset.truth
     assert truth is not None
@@ -113,10 +137,13 @@ def rendered_recording() -> RenderedRecording:
     assert told.principal_axes_g is not None
     assert told.center_of_mass_g is not None
     (tracks,) = [stream for stream in dataset.log.streams if stream.sensor == dataset.sensor]
+    assert tracks.ids is not None
+    epoch = np.unique(tracks.time, return_inverse=True)[1]
+    first = np.unique(tracks.ids, return_index=True)[1]
     return RenderedRecording(
         found,
         frames,
-        pairs,
+        shown,
         rectification.stereo,
         evaluation,
         truth,
@@ -126,6 +153,9 @@ def rendered_recording() -> RenderedRecording:
         len(tracks),
         len(compared.maps["smoother"]),
         association_s,
+        np.bincount(epoch),
+        np.bincount(epoch[first], minlength=int(epoch.max()) + 1),
+        cramer_rao_bound(compared.setup, told, evaluation),
     )
 
 

@@ -4,6 +4,8 @@ import math
 from typing import Final
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from observability.conditioning import (
     best_time_step,
@@ -11,7 +13,8 @@ from observability.conditioning import (
     condition_number,
     double_integrator_covariance,
 )
-from spinfilters.plots.observability_figures import TIME_STEPS, conditioning_figure
+from spinfilters.plots.observability_figures import TIME_STEPS
+from spinfilters.plots.style import BLACK, BLUE, ORANGE, RED, SKY, tidy
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
 
 ALPHAS: Final = (0.1, 1.0, 10.0)
@@ -41,7 +44,10 @@ def make_condition_numbers() -> ItemResult:
             expected=(10.0, math.inf),
         ),
     ]
-    figure = conditioning_figure(np.array([0.0, 1.0, 0.0]), 0.5, best_velocity_unit(0.5))
+    figure, axes = _panel("time step [s]", "condition number [-]", "condition number of the discrete noise")
+    axes.loglog(steps, numbers, color=BLUE)
+    axes.plot(best, numbers.min(), "o", color=RED, label=f"least: {numbers.min():.1f} at {best:.3f} s")
+    axes.legend(frameon=False)
     table = [
         {"time_step_s": float(dt), "condition_number": float(n)}
         for dt, n in zip(steps[::50], numbers[::50], strict=True)
@@ -65,7 +71,19 @@ def make_uncertainty_ellipses() -> ItemResult:
         ComparedNumber("angle of the long axis, 10 s", _long_axis(10.0), expected=(0.0, 15.0), unit="deg"),
     ]
     table = [{"time_step_s": float(dt), "long_axis_deg": _long_axis(float(dt))} for dt in TIME_STEPS]
-    figure = conditioning_figure(np.array([0.0, 1.0, 0.0]), math.sqrt(3.0), 1.0)
+    figure, axes = _panel(
+        "position [-]", "velocity [-]", "ellipses of one deviation, over the largest of each"
+    )
+    angle = np.linspace(0.0, 2.0 * math.pi, 200)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    for dt, colour in zip(
+        (0.1, 0.5, math.sqrt(3.0), 4.0, 10.0), (SKY, BLUE, BLACK, ORANGE, RED), strict=True
+    ):
+        values, vectors = np.linalg.eigh(double_integrator_covariance(dt))
+        ellipse = vectors @ (np.sqrt(values)[:, np.newaxis] * circle) / math.sqrt(values[-1])
+        axes.plot(*ellipse, color=colour, label=f"{dt:.3g} s: {_long_axis(dt):.0f} deg")
+    axes.set(aspect="equal", xlim=(-1.1, 1.1), ylim=(-1.1, 1.1))
+    axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return ItemResult(
         rows, {"conditioning": figure}, {"ellipses": table}, "The 45 degrees hold for alpha = 1 alone."
     )
@@ -108,7 +126,7 @@ def make_velocity_units() -> ItemResult:
             printed=2078.0,
             unit="m/s",
             tolerance=0.5,
-            why=SLIP,
+            why=f"{SLIP} The printed form gives {HOUR / math.sqrt(3.0):.0f}, ours {math.sqrt(3.0) / HOUR:.2g}.",
         ),
         ComparedNumber(
             "alpha of the printed formula for an hour, dt / sqrt(3)",
@@ -117,8 +135,30 @@ def make_velocity_units() -> ItemResult:
             tolerance=0.5,
         ),
     ]
-    figure = conditioning_figure(np.array([0.0, 1.0, 0.0]), 0.5, ALPHAS[-1])
+    figure, axes = _panel(
+        "time step [s]", "alpha, unit of length of the velocity [-]", "logarithm of the condition number"
+    )
+    steps, units = np.geomspace(1e-2, 1e2, 121), np.geomspace(1e-2, 1e2, 121)
+    height = [
+        [math.log10(condition_number(double_integrator_covariance(float(dt), float(a)))) for dt in steps]
+        for a in units
+    ]
+    filled = axes.contourf(steps, units, np.array(height), levels=20, cmap="viridis")
+    figure.colorbar(filled, ax=axes)
+    axes.loglog(steps, math.sqrt(3.0) / steps, color=RED, label="least: dt = sqrt(3) / alpha")
+    axes.set(xlim=(1e-2, 1e2), ylim=(1e-2, 1e2))
+    axes.legend(loc="lower left")
     return ItemResult(rows, {"conditioning": figure}, note=SLIP)
+
+
+def _panel(across: str, up: str, title: str) -> tuple[Figure, Axes]:
+    """A figure of one panel."""
+    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+    axes = figure.subplots()
+    axes.set(xlabel=across, ylabel=up)
+    axes.set_title(title, loc="left", fontsize="medium")
+    tidy(axes)
+    return figure, axes
 
 
 def _long_axis(dt: float) -> float:

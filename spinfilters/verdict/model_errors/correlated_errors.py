@@ -241,13 +241,13 @@ def correlated_errors(
         return []
     try:
         with np.errstate(all="ignore"):
-            return _compared(rows, model, stated)
+            return _compare_models(rows, model, stated)
     except NUMERICAL_ERRORS as error:
         numerical(error)
         return []
 
 
-def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> list[CorrelatedErrors]:
+def _compare_models(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> list[CorrelatedErrors]:
     motion = LinearMotion.of(rows, model)
     unknown = np.array([name not in stated for name in model.densities], dtype=bool)
     climb = LikelihoodClimb(motion)
@@ -260,7 +260,7 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> l
         [*_correlated(motion, white), *(_undisturbed(motion, white) if undisturbed else ())]
     )
     errors = ExplainedErrors(rows, model)
-    likely = [(each, _probability(_evidence(motion, white, each))) for each in _likeliest(every)]
+    likely = [(each, _probability(_evidence(motion, white, each))) for each in _choose_likeliest(every)]
     found = [
         _describe_levels(errors, ExplainedLevels(each, white, climb.information(each), p))
         for each, p in likely
@@ -269,7 +269,7 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> l
     return sorted(found, key=lambda each: -each.probability)
 
 
-def _likeliest(every: list[LikelyLevels]) -> list[LikelyLevels]:
+def _choose_likeliest(every: list[LikelyLevels]) -> list[LikelyLevels]:
     """Of all that were climbed to with the same levels free the likeliest."""
     kinds = {len(each.free): each for each in sorted(every, key=lambda each: each.log_likelihood)}
     return list(kinds.values())

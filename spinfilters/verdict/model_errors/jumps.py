@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.evaluation.epoch_spans import clock_text, time_text
 from spinfilters.inference.noise_model import StepsAfter, steps_after
 from spinfilters.models.state_blocks import ATTITUDE, POSITION, RATE, VELOCITY, StateBlock
 from spinfilters.smoother.linear_system import Marginals
@@ -57,10 +58,11 @@ def jumps(motion: SmoothedMotion) -> Iterator[Alternative]:
         among = step_statistics(motion, kind.kicks, after)[FEWEST_STEPS:-FEWEST_STEPS]
         if among.max(initial=0.0) > 0:
             step = FEWEST_STEPS + int(among.argmax())
-            begin, end = (f"{each:.6g}" for each in interval_of_jump(motion.time, among))
+            first = float(motion.time[0])
+            begin, end = (clock_text(each) for each in interval_of_jump(motion.time, among))
             yield Alternative(
                 kind.name,
-                f"{kind.phrase} at t = {motion.time[step + 1]:.4g} s, between {begin} and {end} s",
+                f"{kind.phrase} at {time_text(float(motion.time[step + 1]), first)}, between {begin} and {end} s",
                 kind.unit,
                 partial(kick_of_step, kicks=kind.kicks, step=step),
                 kind.cure.format(begin=begin, end=end),

@@ -259,7 +259,7 @@ class LinearRows:
 
     def residual(self, right: Columns) -> Columns:
         """M H."""
-        return right.minus(self._explained(self.solved(self.gradient(right))))
+        return right.minus(self._explained_rows(self.solved(self.gradient(right))))
 
     @cached_property
     def prior_rows(self) -> Float[np.ndarray, "n n1"]:
@@ -326,7 +326,7 @@ class LinearRows:
         kept = solve_triangular(s.information_sqrt, half.kept, lower=True, trans=1, check_finite=False)
         moving = np.empty_like(b.moving)
         moving[:, :p] = kept[: K * p].reshape(K, p, m)
-        moving[:, p:] = self._back(chained - X @ kept)
+        moving[:, p:] = self._solve_backwards(chained - X @ kept)
         if fit is not None:
             follow = (self._coupling.T @ moving[:, :p].reshape(-1, m)).reshape(g.shape)
             g = np.linalg.solve(np.swapaxes(self._landmark_sqrts, 1, 2), g - follow)
@@ -342,7 +342,7 @@ class LinearRows:
             n[k] = inverses[k] @ n[k]
         return n
 
-    def _back(self, n: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
+    def _solve_backwards(self, n: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
         """e_k = L_k^-T (n_k - F_k e_k+1)."""
         inverses, F = self._inverses, self.solution.tridiagonal.next
         for k in range(len(n) - 1, -1, -1):
@@ -378,7 +378,7 @@ class LinearRows:
         """L_k^-1."""
         return np.linalg.inv(np.tril(self.solution.tridiagonal.information_sqrts))
 
-    def _explained(self, e: Gradient) -> Columns:
+    def _explained_rows(self, e: Gradient) -> Columns:
         """J e."""
         states = self.states(e)
         sensors = tuple(

@@ -241,7 +241,7 @@ class ColumnProducts:
         return cls(
             tuple(places[k] for k in range(len(given))),
             np.concatenate([each.squares for each in solved.right]),
-            np.concatenate([each.gram(_alike(rows.left, each))[:, 0] for each in solved.right]),
+            np.concatenate([each.gram(_residuals_alike(rows.left, each))[:, 0] for each in solved.right]),
             solved.information,
             noise.squares(rows.left),
             shared,
@@ -321,7 +321,7 @@ class _SolvedRows:
         return shared, own
 
 
-def _alike(left: Columns, right: Columns) -> Columns:
+def _residuals_alike(left: Columns, right: Columns) -> Columns:
     """Residuals in the rows that right-hand sides have."""
     return left if right.is_measured else left.of_motion
 

@@ -292,7 +292,7 @@ class LikelihoodClimb:
             at = np.flatnonzero(going)
             if not len(at):
                 break
-            for k, (likelihood, own) in zip(at, self._evaluated([trial[k] for k in at]), strict=True):
+            for k, (likelihood, own) in zip(at, self._evaluate_levels([trial[k] for k in at]), strict=True):
                 if likelihood > best[k].log_likelihood:
                     best[k], slope[k] = replace(trial[k], log_likelihood=likelihood), own
                     damping[k] = max(damping[k] / 10, DAMPING[0])
@@ -306,7 +306,7 @@ class LikelihoodClimb:
 
     def information(self, one: LikelyLevels) -> Float[np.ndarray, "f f"]:
         """Fisher information of the free levels."""
-        return self._evaluated([one])[0][1].information
+        return self._evaluate_levels([one])[0][1].information
 
     def scores(self, white: LikelyLevels) -> Float[np.ndarray, " s"]:
         """Scores of lasting errors of each component and time of `SCORE_TIMES`.
@@ -329,7 +329,7 @@ class LikelihoodClimb:
         score = g[f:] - F[f:, :f] @ left[:, 0]
         return score / np.sqrt(np.maximum(np.diag(own), np.finfo(float).tiny))
 
-    def _evaluated(self, each: list[LikelyLevels]) -> list[tuple[float, Curvature]]:
+    def _evaluate_levels(self, each: list[LikelyLevels]) -> list[tuple[float, Curvature]]:
         rows = [self._around(one) for one in each]
         found, first, made = self.motion.innovations(np.concatenate(rows)), 0, []
         for own, one in zip(rows, each, strict=True):

@@ -128,10 +128,10 @@ class ScoreTest:
         is_possible = self.is_possible and self.error.is_possible(self.size, motion)
         found = replace(self, shift=shift, explained=own, is_possible=is_possible)
         if motion.slow_changes is not None:
-            share, statistic = _beside(motion.slow_changes, own, left)
+            share, statistic = _split_explained(motion.slow_changes, own, left)
             found = replace(found, slow=share, beside_slow=statistic)
         if motion.map_changes is not None:
-            share, statistic = _beside(motion.map_changes, own, left)
+            share, statistic = _split_explained(motion.map_changes, own, left)
             found = replace(found, map_share=share, beside_map=statistic)
         return found
 
@@ -161,7 +161,7 @@ class ScoreTest:
         return self.gain - 2 * self.dof
 
 
-def _beside(
+def _split_explained(
     changes: Float[np.ndarray, "r s"], own: Float[np.ndarray, " r"], left: Float[np.ndarray, " r"]
 ) -> tuple[float, float]:
     """Share of what an error explains that changes explain as well, and its statistic in addition to these."""
@@ -304,10 +304,12 @@ def _constant(
     if not errors:
         return []
     every = ColumnProducts.of(motion.rows, noise, [columns for _, columns in errors])
-    return [_tested(motion, noise, each, own, every) for each, own in zip(errors, every.places, strict=True)]
+    return [
+        _test_error(motion, noise, each, own, every) for each, own in zip(errors, every.places, strict=True)
+    ]
 
 
-def _tested(
+def _test_error(
     motion: SmoothedMotion,
     noise: NoiseComponents,
     named: _ErrorColumns,

@@ -157,11 +157,11 @@ class SmoothedMotion:
         for name, each in given:
             if each is not None:
                 kicks[:, layout.slice(name)] = each
-        return self._driven(kicks)
+        return self._drive_states(kicks)
 
     def longer(self) -> Columns:
         """Right-hand sides of taking all durations for longer, per unit of their relative error."""
-        return self._driven(-self.change[:, :, None])
+        return self._drive_states(-self.change[:, :, None])
 
     def scaling(self, measured: Columns) -> Columns:
         """Right-hand sides of a unit of length: what disturbs the motion is read in it, too.
@@ -195,7 +195,7 @@ class SmoothedMotion:
         steps -= dynamics[:, :, 2 * d : -1] @ states[0, ordering.constant]
         return replace(measured, steps=measured.steps + steps)
 
-    def _driven(self, change: Float[np.ndarray, "k n m"]) -> Columns:
+    def _drive_states(self, change: Float[np.ndarray, "k n m"]) -> Columns:
         """Right-hand sides of time derivatives of the state, 1/s per unit, components in the order of the layout."""
         ordering, rows, count = self.rows.problem.ordering, self.rows.here.dynamics.rows, change.shape[2]
         kicks, d = change[:, ordering.moving], len(ordering.moving)
@@ -226,7 +226,7 @@ class SmoothedMotion:
         """Right-hand sides of errors of measurements; None where no measurement has them."""
         found = [(each, shift(each)) for each in self.measured]
         made = [_WhitenedShift(each, each.whitening @ by) for each, by in found if by is not None]
-        return self._placed(made) if made else None
+        return self._place_columns(made) if made else None
 
     def in_time(self, late: Callable[[MeasuredRows], Float[np.ndarray, "r m"] | None]) -> Columns | None:
         """Right-hand sides of measurements ``late`` s later than stamped, per unit of m errors."""
@@ -235,9 +235,9 @@ class SmoothedMotion:
             by = late(each)
             if by is not None:
                 made.append(_WhitenedShift(each, each.change[:, :, None] * by[:, None, :]))
-        return self._placed(made) if made else None
+        return self._place_columns(made) if made else None
 
-    def _placed(self, made: list[_WhitenedShift]) -> Columns:
+    def _place_columns(self, made: list[_WhitenedShift]) -> Columns:
         nothing = self.rows.nothing(made[0].shift.shape[2])
         for each, whitened in made:
             if each.sensor is not None:

@@ -1,0 +1,55 @@
+"""A long gyro recording: time of the MEKF, and time and memory of the whole command.
+
+    python -m experiments.benchmarks.long_gyro [--samples 1000000]
+
+`spinfilters simulate` makes a flip at 100 Hz, and `spinfilters compare --estimators mekf --no-figures` estimates it.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from experiments.benchmarks.stopwatch import CommandCost, begin_benchmark, cost_of_command
+from experiments.command_line import run_study
+
+
+class GyroCost(NamedTuple):
+    """Processor time of the filter's own epochs, s, and what the command took."""
+
+    filter: float
+    command: CommandCost
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--samples", type=int, default=1_000_000)
+    samples = parser.parse_args().samples
+    begin_benchmark("experiments.benchmarks.long_gyro")
+    cost = gyro_cost(samples)
+    print(
+        f"{samples} samples: filter {cost.filter:.1f} s, command {cost.command.processor:.1f} s, "
+        f"peak memory {cost.command.peak_mb:.0f} MB"
+    )
+
+
+def gyro_cost(samples: int) -> GyroCost:
+    """Cost of a simulated recording of so many samples."""
+    with tempfile.TemporaryDirectory() as name:
+        data, run = f"{name}/data", Path(name) / "run"
+        command = [sys.executable, "-m", "spinfilters"]
+        made = ["--kind", "gyro", "--frames", str(samples), "--interval", "0.01"]
+        cost_of_command([*command, "simulate", *made, "-o", data])
+        chosen = ["--estimators", "mekf", "--no-figures", "-q"]
+        whole = cost_of_command([*command, "compare", data, *chosen, "-o", str(run)])
+        summary = json.loads((run / "summary.json").read_text())
+        return GyroCost(summary["estimators"]["mekf"]["runtime_s"]["total"], whole)
+
+
+if __name__ == "__main__":
+    run_study(main)
