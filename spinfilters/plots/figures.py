@@ -171,7 +171,7 @@ class RatesFigure(FigureEntry):
     """Figure entry of `spinfilters.plots.time_courses`."""
 
     name, order = "rates", 1
-    caption = "Body rates of every estimator over time, with the true or measured ones."
+    caption = "Body rates of every estimator over time, axes of g, with the true or measured ones."
 
     def draw(self, shown: FigureData, name: str) -> "Figure":
         """Body rates of all estimators and of the truth."""
