@@ -70,14 +70,17 @@ class _Motion(NamedTuple):
 
 
 class _Start(NamedTuple):
-    """What a simulator begins from: rows of a motion, and the body of mass one with its centre (m) and inertia, g axes."""
+    """What a simulator begins from: a row of a motion, and the body of mass one with its centre (m) and inertia, g axes.
+
+    The inertia is xx, yy, zz, xy, xz, yz, as both simulators take it.
+    """
 
     origin: Float[np.ndarray, "3"]
     attitude: Float[np.ndarray, "4"]
     velocity: Float[np.ndarray, "3"]
     rate: Float[np.ndarray, "3"]
     centre: Float[np.ndarray, "3"]
-    inertia: Float[np.ndarray, "3 3"]
+    inertia: Float[np.ndarray, "6"]
 
 
 def _recording(scenario: Scenario, simulated: Callable[[_Start, Scenario], _Motion]) -> Dataset:
@@ -87,7 +90,8 @@ def _recording(scenario: Scenario, simulated: Callable[[_Start, Scenario], _Moti
     t, q, v, w, c, s = (start[layout.mean_slice(name)] for name in ("t", "a", "v", "w", "c", "s"))
     # their velocity is that of the origin of g, ours that of the centre of mass
     origin_velocity = v - matrix_from_quaternion(q) @ np.cross(w, c)
-    found = simulated(_Start(t, q, origin_velocity, w, c, inertia_matrix(s)), own)
+    inertia = inertia_matrix(s)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    found = simulated(_Start(t, q, origin_velocity, w, c, inertia), own)
     states = np.tile(start, (own.epochs, 1))
     states[:, layout.mean_slice("t")] = found.origin
     states[:, layout.mean_slice("a")] = found.attitude
@@ -102,9 +106,9 @@ def _recording(scenario: Scenario, simulated: Callable[[_Start, Scenario], _Moti
 
 def _motion_of_mujoco(start: _Start, own: Scenario) -> _Motion:
     mujoco = _module("mujoco", "MuJoCo", "mujoco")
-    J, steps = start.inertia, int(np.ceil(own.interval / LONGEST_STEP))
-    six = (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
-    document = _BODY.format(step=own.interval / steps, centre=_words(start.centre), inertia=_words(six))
+    steps = int(np.ceil(own.interval / LONGEST_STEP))
+    centre, inertia = _words(start.centre), _words(start.inertia)
+    document = _BODY.format(step=own.interval / steps, centre=centre, inertia=inertia)
     model = mujoco.MjModel.from_xml_string(document)
     data, q = mujoco.MjData(model), start.attitude
     data.qpos[:] = [*start.origin, q[3], *q[:3]]  # MuJoCo's quaternion has its scalar first
@@ -118,12 +122,12 @@ def _motion_of_mujoco(start: _Start, own: Scenario) -> _Motion:
 
 
 def _motion_of_drake(start: _Start, own: Scenario) -> _Motion:
-    plants, trees, maths, analysis = (
+    plants, trees, vectors, maths, analysis = (
         _module(f"pydrake.{name}", "Drake", "drake")
-        for name in ("multibody.plant", "multibody.tree", "math", "systems.analysis")
+        for name in ("multibody.plant", "multibody.tree", "multibody.math", "math", "systems.analysis")
     )
-    J, plant = start.inertia, plants.MultibodyPlant(time_step=0.0)
-    central = trees.RotationalInertia(J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
+    plant = plants.MultibodyPlant(time_step=0.0)
+    central = trees.RotationalInertia(*start.inertia)
     inertia = trees.SpatialInertia.MakeFromCentralInertia(1.0, start.centre, central)
     body = plant.AddRigidBody("body", inertia)
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
@@ -133,9 +137,7 @@ def _motion_of_drake(start: _Start, own: Scenario) -> _Motion:
     simulator.get_mutable_integrator().set_target_accuracy(ACCURACY)
     context, R = simulator.get_mutable_context(), matrix_from_quaternion(start.attitude)
     plant.SetFreeBodyPose(context, body, maths.RigidTransform(maths.RotationMatrix(R), start.origin))
-    velocity = _module("pydrake.multibody.math", "Drake", "drake").SpatialVelocity(
-        R @ start.rate, start.velocity
-    )
+    velocity = vectors.SpatialVelocity(R @ start.rate, start.velocity)
     plant.SetFreeBodySpatialVelocity(context, body, velocity)
     simulator.Initialize()
     rows = []

@@ -332,16 +332,15 @@ def write_comparison_page(
         study, begun = read_folder(place)
         rows = read_rows(place, study.columns, levels=study.levels)
         results = level_results(study, rows)
-        if print_style is not None:
-            for title, figure in study_figures(study, rows, results).items():
-                for file, content in printed_figure(figure, title, print_style).items():
-                    write_bytes(place / file, content)
-        pictures = {
-            title: picture_bytes(figure, "png", dpi=DPI)
-            for title, figure in study_figures(study, rows, results).items()
-        }
-        for title, picture in pictures.items():
-            write_bytes(place / f"{title}.png", picture)
+        figures = study_figures(study, rows, results)
+        pictures = {title: picture_bytes(figure, "png", dpi=DPI) for title, figure in figures.items()}
+        printed: dict[str, bytes] = {}
+        if print_style is not None:  # after the pictures, because printing scales a figure
+            for title, figure in figures.items():
+                printed |= printed_figure(figure, title, print_style)
+        shown = {f"{title}.png": picture for title, picture in pictures.items()}
+        for file, content in (printed | shown).items():
+            write_bytes(place / file, content)
         sections[study.name] = (
             f"<p>{escape(study.options.description)}</p>"
             + note(

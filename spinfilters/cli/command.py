@@ -6,15 +6,23 @@ Nothing heavy is imported here, so that help and refusals are quick.
 import argparse
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass
-from typing import Any, Final, Generic, TypeVar
+from typing import Annotated, Any, Final, Generic, TypeVar
 
 from spinfilters.cli.common_options import FigureOptions, PrintingOptions, common_options
 from spinfilters.io.argument_fields import GivenField, given_fields, numbers_by_name, record_from
-from spinfilters.io.stated_values import NumberRange
+from spinfilters.io.stated_values import Argument, NumberRange
 
 R = TypeVar("R")
 VERBOSE: Final = "print warnings of numbers, the trace of an unexpected error, time and memory"
 """Of every command."""
+Panels = Annotated[bool, Argument("one panel a file, cut out of its figure")]
+"""Of commands that print figures."""
+PrintWidth = Annotated[
+    float | None,
+    NumberRange(20.0, 1000.0, "mm"),
+    Argument("width of a printed figure or panel, mm: 84 for a column, 174 for two", metavar="MM"),
+]
+"""Of commands that print figures."""
 
 
 @dataclass(frozen=True)

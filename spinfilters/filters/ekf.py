@@ -50,7 +50,8 @@ from spinfilters.models.measurement import MeasurementModel
 class FirstOrderFilter(MultiplicativeFilter):
     """A filter that linearises process and measurements by their exact derivatives at the mean.
 
-    The base of filters with another correction: they override `correct_linearly`."""
+    The base of filters with another correction: they override `correct_linearly`.
+    """
 
     def linearise_process(self, dt: float) -> LinearisedProcess:
         """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""

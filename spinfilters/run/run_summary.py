@@ -55,7 +55,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
 
 def _with_sensors(document: dict[str, Any], evaluation: Evaluation, setup: Setup) -> dict[str, Any]:
     """An estimator's numbers, with its measurements by sensor beside those of all."""
-    document["measurements"]["by_sensor"] = use_by_sensor(evaluation.history, setup.timeline)
+    document["measurements_by_sensor"] = use_by_sensor(evaluation.history, setup.timeline)
     return document
 
 

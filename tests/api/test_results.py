@@ -124,8 +124,8 @@ def test_used_and_rejected_measurements_are_counted_by_sensor() -> None:
     values[-4] = 5.0  # a rate that no body of this recording has, between two poses
     gyro = replace(recording.log.streams[1], values=values)
     spoilt = replace(recording, log=replace(recording.log, streams=(recording.log.streams[0], gyro)))
-    told = spinfilters.compare(spoilt, "mekf", verdict="filter").summary["estimators"]["mekf"]["measurements"]
-    sensors = told["by_sensor"]
+    summary = spinfilters.compare(spoilt, "mekf", verdict="filter").summary["estimators"]["mekf"]
+    told, sensors = summary["measurements"], summary["measurements_by_sensor"]
     assert list(sensors) == ["pose", "gyro"]
     assert sum(each["accepted"] for each in sensors.values()) == told["accepted"]
     assert (sensors["pose"]["rejected"], sensors["gyro"]["rejected"]) == (0, 1) == (0, told["rejected"])

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from spinfilters.cli.command import Command
+from spinfilters.cli.command import Command, Panels, PrintWidth
 from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.core.errors import InputError
-from spinfilters.io.stated_values import Argument, NumberRange
+from spinfilters.io.stated_values import Argument
 
 if TYPE_CHECKING:
     from spinfilters.plots.figures import FigureData
@@ -23,12 +23,8 @@ class PlotArguments:
         Argument("print figures into this folder and leave the run as it is", short="-o", metavar="FOLDER"),
     ] = None
     format: Annotated[Literal["png", "svg", "pdf"], Argument("file format of printed figures")] = "pdf"
-    panels: Annotated[bool, Argument("one panel a file, cut out of its figure")] = False
-    width: Annotated[
-        float | None,
-        NumberRange(20.0, 1000.0, "mm"),
-        Argument("width of a printed figure or panel, mm: 84 for a column, 174 for two", metavar="MM"),
-    ] = None
+    panels: Panels = False
+    width: PrintWidth = None
     figures: Annotated[
         str | None, Argument("names of the figures to print, with commas", metavar="NAMES")
     ] = None

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from spinfilters.api.arguments import CampaignArguments
-from spinfilters.cli.command import Command
+from spinfilters.cli.command import Command, Panels, PrintWidth
 from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, NumberRange
@@ -39,12 +39,8 @@ class ReadyStudyArguments:
         Literal["png", "svg", "pdf"] | None,
         Argument("print the figures for a paper too, in this file format"),
     ] = None
-    panels: Annotated[bool, Argument("one panel a file, cut out of its printed figure")] = False
-    width: Annotated[
-        float | None,
-        NumberRange(20.0, 1000.0, "mm"),
-        Argument("width of a printed figure or panel, mm: 84 for a column, 174 for two", metavar="MM"),
-    ] = None
+    panels: Panels = False
+    width: PrintWidth = None
 
 
 def make_studies(options: ReadyStudyArguments) -> int:

@@ -82,12 +82,12 @@ def make_surfaces(name: str, printed: tuple[float, float, float], scenario: Scen
         ComparedNumber(
             f"{quantity.label} {axis}: deviation that the last solve states, rms over the epochs",
             float(np.sqrt(np.nanmean(np.square(last[1:, k])))),
-            expected=(0.9 * limit, 1.5 * limit) if isinstance(limit, float) else (0.0, np.inf),
+            expected=(0.0, np.inf) if limits is None else (0.9 * limits[k], 1.5 * limits[k]),
             unit=quantity.std_unit,
-            bound=limit,
+            bound=NO_BOUND if limits is None else limits[k],
             why=f"a noise that the smoother finds from {len(time)} epochs may be off by some tenths: 0.9 to 1.5 is allowed",
         )
-        for k, (axis, limit) in enumerate(zip(quantity.names, limits, strict=True))
+        for k, axis in enumerate(quantity.names)
     ]
     table = [
         {
@@ -154,6 +154,7 @@ def make_course(name: str, scenario: Scenario = FULL) -> ItemResult:
     begin = int(np.searchsorted(time, 10.0))
     early = [float(np.nanmax(error[k, : k + 1])) for k in range(begin, len(time))]
     span = float(np.ptp(quantity.truth[:, 1]))
+    limits = _bounded_deviations(name, scenario)
     rms, claimed = (float(np.sqrt(np.mean(np.square(each)))) for each in (last, stated))
     rows = [
         ComparedNumber(
@@ -167,7 +168,7 @@ def make_course(name: str, scenario: Scenario = FULL) -> ItemResult:
             rms,
             expected=(0.3 * claimed, 1.7 * claimed),
             unit=quantity.unit,
-            bound=_bounded_deviations(name, scenario)[1],
+            bound=NO_BOUND if limits is None else limits[1],
             why=f"errors of one recording are alike along time, so that {len(time)} epochs are one draw of few numbers; it is "
             f"{rms / claimed:.2g} stated deviations",
         ),
@@ -265,12 +266,12 @@ def make_costs_by_factors(scenario: Scenario = FULL) -> ItemResult:
     return ItemResult(rows, {"costs": costs_by_size_figure(costs)}, note=SIMULATED)
 
 
-def _bounded_deviations(name: str, scenario: Scenario) -> Sequence[float | str]:
-    """Bound of a quantity by axis, rms over the epochs after the first, in the unit of its deviations."""
+def _bounded_deviations(name: str, scenario: Scenario) -> Sequence[float] | None:
+    """Bound of a quantity by axis, rms over the epochs after the first, in the unit of its deviations; None without."""
     recording = simulated_recording(scenario)
     motion, limit = recording.bounded_motion, recording.bound
     if motion is None or limit is None:
-        return [NO_BOUND] * 3
+        return None
     rates = estimated_rates(limit).std
     assert rates is not None
     degrees = float(np.rad2deg(1.0))
