@@ -56,23 +56,29 @@ numeric := $(addprefix tests/,core filters models simulation smoother test_blas_
 whole := $(addprefix tests/smoother/test_,early_epochs.py mass_posterior.py posterior.py)
 interpreted := $(filter-out $(whole),$(foreach each,$(numeric),$(if $(filter %.py,$(each)),$(each),$(wildcard $(each)/test_*.py))))
 
+# Rooms that factor no matrix of a whole recording: what hangs on rounding in them shows under one other core type as under two.
+small := $(addprefix tests/,core models simulation)
+
 # Every core type but the last with compiled code, the last without but for whole recordings: what passes by rounding in one of both fails
-# there, too. The former name of the target is kernels; a kernel is a compiled loop of ours.
+# there, too. Whole recordings are solved under each with compiled code, and once more only where the last is the one core type.
+# The former name of the target is kernels; a kernel is a compiled loop of ours.
 kernels: core-types
 
 core-types:
 	$(environment) test
 	@status=0; types=$$($(bin)/python tests/blas_core_types.py) || exit 1; \
-	set -- $$types; \
+	set -- $$types; solved=no; \
 	while [ $$# -gt 1 ]; do \
 	  echo "numeric tests, OpenBLAS' core type $$1:"; \
-	  OPENBLAS_CORETYPE=$$1 $(bin)/python -m pytest -q -n 2 --dist worksteal $(numeric) || status=1; \
-	  shift; \
+	  OPENBLAS_CORETYPE=$$1 $(bin)/python -m pytest -q -n 2 --dist worksteal $(filter-out $(small),$(numeric)) || status=1; \
+	  shift; solved=yes; \
 	done; \
 	echo "numeric tests, nothing compiled$${1:+, OpenBLAS' core type $$1}:"; \
 	env SPINFILTERS_COMPILE=off $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(interpreted) || status=1; \
-	echo "whole recordings$${1:+, OpenBLAS' core type $$1}:"; \
-	env $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(whole) || status=1; \
+	if [ $$solved = no ]; then \
+	  echo "whole recordings$${1:+, OpenBLAS' core type $$1}:"; \
+	  env $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(whole) || status=1; \
+	fi; \
 	exit $$status
 
 check:
