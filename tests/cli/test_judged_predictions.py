@@ -104,3 +104,19 @@ def test_a_reference_that_goes_on_judges_a_prediction_and_a_race_too(
     ends = {name: values["angle_end_rad"] for name, values in race["inertias"].items()}
     assert ends["cad"] > 3 * ends["mekf"]
     assert fits == ["mekf"], "fitted once, for the reference's own files, the prediction and the race"
+
+
+def test_a_late_truth_ends_no_run_and_becomes_a_reference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dataset, run = tmp_path / "data", tmp_path / "run"
+    assert main(["simulate", "--kind", "pose", "--frames", "24", "-o", str(dataset)]) == 0
+    head, *rows = (dataset / "truth.csv").read_text().splitlines()
+    late = [",".join([f"{float(row.split(',')[0]) + 0.1:.6f}", *row.split(",")[1:]]) for row in rows]
+    (dataset / "truth.csv").write_text("\n".join([head, *late]) + "\n")
+    asked = ["--estimators", "mekf", "--verdict", "filter", "--no-figures", "-o", str(run)]
+    assert main(["compare", str(dataset), *asked]) == 0
+    assert "its clock is" in " ".join(capsys.readouterr().out.split())
+    assert (
+        json.loads((run / "reference.json").read_text())["estimators"]["mekf"]["clock_offset_s"] is not None
+    )

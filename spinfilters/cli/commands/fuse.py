@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.io.stated_values import Argument
 
 
@@ -51,6 +52,7 @@ def fuse(options: FuseArguments) -> int:
         console.print(f"left out: {name}, which is {status}", highlight=False)
     console.print(_agreement(document), highlight=False, soft_wrap=True)
     console.print(f"written to {folder}", highlight=False, soft_wrap=True)
+    print_document(document)
     return 0
 
 
@@ -81,4 +83,5 @@ COMMAND = Command(
     "Weighs the inertias of several recordings of one body by their covariances. Moments need no common axes. With --same-axes, "
     "as for a gyro that stayed mounted, axes are fused too, and a motion that shows a part of the inertia adds that part. The "
     "prior that is in every run counts once.",
+    common=PrintingOptions,
 )
