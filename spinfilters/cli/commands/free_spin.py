@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import FigureOptions, draw, print_document
 from spinfilters.io.stated_values import Argument, NumberRange
 from spinfilters.simulation.scenario_record import Moments, Rates
 
@@ -44,7 +45,6 @@ def polhode(options: PolhodeArguments) -> int:
     from spinfilters.core.rolling_motion import rolling_motion
     from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
     from spinfilters.plots.free_rotation import cones_figure, polhode_figure, stability_figure
-    from spinfilters.plots.style import save_figure
 
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND.name)
@@ -53,14 +53,15 @@ def polhode(options: PolhodeArguments) -> int:
     document = describe_motion(moments, rate, motion)
     with output_folder(folder, COMMAND.name) as place:
         write_text(place / "polhode.csv", _table(motion))
-        save_figure(polhode_figure(moments, rate), place / "polhode.png")
-        save_figure(cones_figure(moments, rate), place / "cones.png")
+        draw(lambda: polhode_figure(moments, rate), place / "polhode.png")
+        draw(lambda: cones_figure(moments, rate), place / "cones.png")
         if are_of_rigid_body(moments):
-            save_figure(stability_figure(moments, float(np.linalg.norm(rate))), place / "stability.png")
+            draw(lambda: stability_figure(moments, float(np.linalg.norm(rate))), place / "stability.png")
         write_json(place / "polhode.json", document)
     wide_console().print(
         "\n".join([*document["text"], f"written to {folder}"]), highlight=False, soft_wrap=True
     )
+    print_document(document)
     return 0
 
 
@@ -166,4 +167,5 @@ COMMAND = Command(
     polhode,
     "Torque-free motion in closed form, without a recording (Tweddle 2013, section 2.5, Figures 2-6 to 2-10). Moments that no "
     "rigid body has are drawn as numbers, and named.",
+    common=FigureOptions,
 )
