@@ -135,14 +135,16 @@ def significant_information(
 
 
 def covariance_root(
-    information: Float[np.ndarray, "a a"], size: float, turn: float = ROTATION_PRIOR
+    information: Float[np.ndarray, "a a"], size: float, turn: float | Float[np.ndarray, " k"] = ROTATION_PRIOR
 ) -> Float[np.ndarray, "a a"]:
     """Square root of the covariance of information and the prior of predicted poses together.
 
     By eigenvectors in deviations of the prior: scans without noise hold up to 1e27 times its information, and a sum of both would
-    lose what it says of the directions that they leave open. ``turn`` is the prior's deviation of a rotation, rad.
+    lose what it says of the directions that they leave open. ``turn`` is the prior's deviation of a rotation, rad, of all scans or
+    of each.
     """
-    scale = np.tile(np.repeat([turn, size], 3), len(information) // 6)
+    turns = np.broadcast_to(turn, len(information) // 6)
+    scale = np.repeat(np.column_stack([turns, np.full_like(turns, size, dtype=float)]).ravel(), 3)
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
     known = np.where(values > NEGLIGIBLE * values[-1], values, 0.0)
     return scale[:, None] * vectors / np.sqrt(1.0 + known)

@@ -42,6 +42,7 @@ from spinfilters.lidar.registration import (
 from spinfilters.lidar.scan_pose import (
     LEAST_DEPARTURE,
     ROTATION_PRIOR,
+    UNDETERMINED,
     ScanPose,
     angles_from,
     largest_departure,
@@ -53,6 +54,9 @@ HELD: Final = 1e-3
 """Share of a predicted attitude's deviation by which a drift may turn scans without noise.
 
 A place does not separate a rotation about it from a slide, and what little a drift does not explain turned panels by 15 deg."""
+
+HELD_SURE: Final = 1e-6
+"""The same of a scan that matches determine: open scans, which pull at a drift, would turn it by more than its deviation."""
 
 MAP_SCANS: Final = 12
 """Scans that one is matched with, those seen from most alike directions: distant views share no surface."""
@@ -352,11 +356,20 @@ def _drift_information(
     return drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))
 
 
+def _determines_pose(information: Float[np.ndarray, "6 6"], size: float) -> bool:
+    """Whether an information over (rotation, shift) in g leaves no direction of a pose to its prediction."""
+    scale = np.repeat([ROTATION_PRIOR, size], 3)
+    return bool(np.linalg.eigvalsh(scale[:, None] * information * scale)[0] > 1.0 / UNDETERMINED)
+
+
 def _on_drift(poses: Sequence[ScanPose], normal: ScanNormalEquations, size: float) -> list[ScanPose]:
     """Poses on a drift in the directions that the matches leave open."""
     found, done = list(poses), np.zeros(6 * len(poses))
     whole = significant_information(normal.certain, normal.information, normal.is_exact) / normal.variance
-    turn = HELD * ROTATION_PRIOR if normal.is_exact else ROTATION_PRIOR
+    turn: float | Float[np.ndarray, " k"] = ROTATION_PRIOR
+    if normal.is_exact:
+        sure = [_determines_pose(each, size) for each in information_alone(normal)]
+        turn = ROTATION_PRIOR * np.where(sure, HELD_SURE, HELD)
     root = covariance_root(normal.constrained(whole, 0.0), size, turn)
     joint = root @ root.T
     for _ in range(_DRIFT_STEPS):
