@@ -185,12 +185,14 @@ def with_covariances(
     size: float,
     common: float | None,
     of_drift: Float[np.ndarray, "a a"] | float,
+    differing: Float[np.ndarray, "k 6"],
 ) -> AdjustedScans:
     """Poses with the marginals of the joint covariance, to which a drift may add its information ``of_drift``.
 
     Their covariances with the poses of the others exact come with them. Of scans without noise, where a drift is known, these are
     the marginals, too, less the inflation ``common``: no factor on exact poses would describe what some scans share that no other
     one holds. What no scan determines has the prior of a predicted pose, see `pose_covariance`.
+    ``differing`` are variances (translation, rotation) of what matches and drift of scans without noise differ about.
     """
     k, prior = len(poses), _prior_information(size)
     whole = significant_information(normal.certain, normal.information, normal.is_exact) / normal.variance
@@ -209,7 +211,7 @@ def with_covariances(
             for each in (to_lidar @ covariance[number, :, number] @ to_lidar.T, root @ root.T)
         )
         if common is not None:
-            every = _with_bend(every)
+            every = _with_bend(every) + np.diag(differing[number])
             own = every / common
         matched = int(normal.matched[number])
         found.append(

@@ -97,7 +97,7 @@ def adjusted_scans(
         normal = _match_group(clouds, found, group, size, reach)
         share = _residual_response(clouds, found, group, normal.reach)
         normal = replace(normal, variance=normal.variance / share**2)
-        common = None
+        common, differing = None, np.zeros((len(group), 6))
         # what slid is matched again where the drift leads
         for _ in range(_DRIFTS if len(group) >= FEWEST_ON_DRIFT else 0):
             found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
@@ -105,12 +105,16 @@ def adjusted_scans(
             normal = replace(matched, variance=matched.variance / share**2)
         if len(group) >= FEWEST_ON_DRIFT and normal.is_exact:
             # residuals of scans without noise do not show the errors of poses: their places do, and matches let them slide
-            drift = _drift_of([found[k] for k in group], size)
-            found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
+            drift, matched = _drift_of([found[k] for k in group], size), [found[k] for k in group]
+            found[begin : group.stop] = _on_drift(matched, normal, size)
+            # what it moves a pose by, matches and drift differ about
+            differing = np.array(
+                [_squared_changes(*each) for each in zip(matched, found[begin : group.stop], strict=True)]
+            )
             usual, variance = (max(normal.variance, each**2) for each in (drift.scatter, drift.deviation))
             common, normal = min(max(variance / usual, 1.0), LARGEST), replace(normal, variance=variance)
         of_drift = _drift_information([found[k] for k in group], normal, size)
-        adjusted = with_covariances([found[k] for k in group], normal, size, common, of_drift)
+        adjusted = with_covariances([found[k] for k in group], normal, size, common, of_drift, differing)
         found[begin : group.stop], inflation = adjusted.poses, max(inflation, adjusted.inflation)
     return AdjustedScans(tuple(found), inflation)
 
@@ -354,6 +358,12 @@ def _drift_information(
         return 0.0
     drift = _drift_of(poses, size)
     return drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))
+
+
+def _squared_changes(before: ScanPose, after: ScanPose) -> Float[np.ndarray, "6"]:
+    """Squares of the shift (m) and of the rotation (rad) between two poses of a scan, on each of their three axes."""
+    shift = float(np.sum((after.translation - before.translation) ** 2))
+    return np.repeat([shift, _turn_between(after.rotation, before.rotation) ** 2], 3)
 
 
 def _determines_pose(information: Float[np.ndarray, "6 6"], size: float) -> bool:
