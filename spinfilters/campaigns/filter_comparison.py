@@ -267,7 +267,7 @@ def comparison_figure(results: Sequence[LevelResult]) -> Figure:
         axes.set_title(title, fontsize="small", loc="left")
         axes.set_xticks(
             range(len(levels)),
-            [fill(level or "all", 40 // len(levels) + 2, break_long_words=False) for level in levels],
+            [fill(level or "all", 36 // len(levels) + 1, break_long_words=False) for level in levels],
             fontsize="x-small",
         )
         tidy(axes)
