@@ -108,7 +108,7 @@ class Case:
         The inputs over time, in their order, where a table gives them; without any they are cosines of those sizes.
     """
 
-    sensors: tuple[str, ...] = ("stereo",)
+    sensors: tuple[str, ...] = ("stereo-tracks",)
     landmarks: int = 4
     known_map: bool = False
     chart: str = "principal"

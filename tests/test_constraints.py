@@ -5,6 +5,8 @@ import runpy
 import tomllib
 from pathlib import Path
 
+from spinfilters.io.document import read_yaml
+
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
@@ -23,6 +25,24 @@ def test_every_package_that_ci_needs_has_one_version_in_the_constraints() -> Non
     needed = [*PROJECT["project"]["dependencies"], *extras["test"], *extras["check"]]
     names = {re.split(r"[\[>=]", line)[0].lower().replace("_", "-") for line in needed}
     assert names <= pinned
+
+
+def test_tests_docs_wheel_and_source_distribution_are_checked_on_every_python_that_is_declared() -> None:
+    jobs = read_yaml(ROOT / ".github" / "workflows" / "ci.yml")["jobs"]
+    declared = [
+        line.rsplit(" ", 1)[1] for line in PROJECT["project"]["classifiers"] if "Python :: 3." in line
+    ]
+    for name in ("test", "install", "docs"):
+        assert jobs[name]["strategy"]["matrix"]["python"] == declared
+    assert jobs["install"]["strategy"]["matrix"]["form"] == ["wheel", "sdist"]
+
+
+def test_the_citation_has_the_version_its_date_and_both_sources() -> None:
+    cited = read_yaml(ROOT / "CITATION.cff")
+    assert cited["version"] == PROJECT["project"]["version"]
+    history = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"## {cited['version']} ({cited['date-released']})" in history
+    assert [each["authors"][0]["family-names"] for each in cited["references"]] == ["Tweddle", "Decoust"]
 
 
 def test_actions_are_pinned_by_commit() -> None:

@@ -96,20 +96,23 @@ class ObservabilityResult:
             raise InputError("no further sensors were asked for; give observe(..., further=True)")
         return further_sensors_figure(self.further)
 
-    def write(self, folder: Path) -> None:
+    def write(self, folder: Path, figures: bool = True) -> None:
         """Text, JSON and pictures into a folder that exists. InputError: they cannot be written.
 
         Parameters
         ----------
         folder : Path
             An existing folder.
+        figures : bool
+            Whether pictures are drawn.
         """
         from spinfilters.plots.style import save_figure
 
         write_text(folder / "observe.txt", f"{self}\n")
-        save_figure(self.figure(), folder / "observe.png")
-        if self.further is not None:
-            save_figure(self.further_figure(), folder / "further.png")
+        if figures:
+            save_figure(self.figure(), folder / "observe.png")
+            if self.further is not None:
+                save_figure(self.further_figure(), folder / "further.png")
         write_json(folder / "observe.json", self.document)
 
     @checked_arguments(folder=path("a folder"))
@@ -282,7 +285,7 @@ def stated_deviations(initial: InitialisationOptions) -> dict[str, float]:
 )
 @on_one_blas_thread
 def observe(
-    sensors: Sequence[str] | str = "stereo",
+    sensors: Sequence[str] | str = ObserveArguments.sensors,
     *,
     rate_rpm: Sequence[float] = Scenario.rate_rpm,
     moments: Sequence[float] = Scenario.principal_moments,
@@ -304,7 +307,8 @@ def observe(
     Parameters
     ----------
     sensors : str or sequence of str
-        One or several of "stereo", "monocular", "lidar", "pose", "attitude", "gyro"; one text may list several, with commas.
+        One or several of "stereo-tracks", "mono-tracks", "lidar-points", "lidar-poses", "pose", "attitude", "gyro", "magnetometer",
+        as `simulate` calls them; one text may list several, with commas. "stereo", "monocular" and "lidar" are accepted too.
     rate_rpm : sequence of 3 floats
         About the principal axes x, y, z, rpm.
     moments : sequence of 3 floats

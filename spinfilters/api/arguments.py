@@ -160,9 +160,9 @@ class ObserveArguments:
             "attitude, gyro, magnetometer",
             flag="--sensor",
             metavar="NAME",
-            cure='names of sensors such as "stereo,gyro", or a list of at least one',
+            cure='names of sensors such as "stereo-tracks,gyro", or a list of at least one',
         ),
-    ] = ("stereo",)
+    ] = ("stereo-tracks",)
     landmarks: Annotated[
         int,
         NumberRange(1, 200, whole=True),

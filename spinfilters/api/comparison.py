@@ -45,6 +45,7 @@ from spinfilters.io.argument_checks import (
     text,
 )
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_reader import has_images
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
 from spinfilters.io.stated_values import ReadingOptions
@@ -322,7 +323,9 @@ class Run(Mapping[str, EstimatorResult]):
             return Path(folder)
         if suffix == ".rrd":
             maps = {each.name: each.landmarks for each in self.values() if each.landmarks is not None}
-            write_rrd(Path(folder), self._evaluations, maps, self.dataset.name)
+            source = self.dataset.path
+            images = source if source is not None and has_images(source) else None
+            write_rrd(Path(folder), self._evaluations, maps, self.dataset.name, images)
             return Path(folder)
         if self.comparison is None:
             raise InputError(f"this run was read from {self.folder}; copy that folder")
@@ -472,6 +475,7 @@ def compare(
     rate: float | None = None,
     topic: str | None = None,
     columns: str | None = None,
+    rig: str | None = None,
     resume: bool = False,
     predict: float | None = None,
     convergence: bool = False,
@@ -515,6 +519,8 @@ def compare(
         Of a ROS bag.
     columns : str or None
         Names of the columns of a table without a header.
+    rig : str or None
+        Folder with the calibration of a bag's images, see `load`.
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None
@@ -558,7 +564,7 @@ def compare(
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
     chosen = _set_initial_belief(_settings(settings, estimators, verdict), belief, from_truth)
-    reading = {"unit": unit, "clock": clock, "rate": rate, "topic": topic, "columns": columns}
+    reading = {"unit": unit, "clock": clock, "rate": rate, "topic": topic, "columns": columns, "rig": rig}
     dataset = given_dataset(data, segment, kind=kind, units=units, **reading)
     how = RunArguments(
         resume=resume,

@@ -27,6 +27,7 @@ from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.io.stated_values import RATE_UNITS, ReadingOptions
 from spinfilters.models.sensor_registry import has_error
 from spinfilters.models.state_blocks import GYRO_BIAS as BIAS_BLOCK
+from spinfilters.run.bag_recording import unpacked_recording
 from spinfilters.run.readers import read_dataset
 from spinfilters.run.segment_choice import read_chosen, segment_choice
 from spinfilters.simulation.scenario import Progress, Scenario, silent, without_map
@@ -50,6 +51,7 @@ def load(
     rate: float | None = None,
     topic: str | None = None,
     columns: str | None = None,
+    rig: str | None = None,
 ) -> Dataset:
     """Data set of a folder or file, or of a table in memory.
 
@@ -75,9 +77,11 @@ def load(
     rate : float or None
         Samples a second, Hz, of a table without a clock.
     topic : str or None
-        Of a ROS bag.
+        Of a ROS bag; of images two with a comma, left first.
     columns : str or None
         Names of the columns of a table without a header, such as "t,x,y,z".
+    rig : str or None
+        Folder with the calibration of a bag's images, where the bag has no ``camera_info``.
 
     Returns
     -------
@@ -94,7 +98,7 @@ def load(
             raise InputError("units says what unit and clock say; give one of them")
         stated = reading_options(units, rate)
         unit, clock = stated.unit, stated.clock
-    options = ReadingOptions(unit, clock, rate, topic, columns)
+    options = ReadingOptions(unit, clock, rate, topic, columns, rig)
     if not is_path(path):
         return _in_memory(path, kind, options, segment)
     if kind is not None:
@@ -105,6 +109,7 @@ def load(
         if not isinstance(segment, str):
             SEGMENT.require("segment", segment)
         return read_chosen(path, segment_choice(segment), options)
+    path, options = unpacked_recording(path, options)
     if has_images(path):
         options.require_only((), IMAGES)
         from spinfilters.vision.track_images import track_images

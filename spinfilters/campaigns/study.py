@@ -514,7 +514,8 @@ def study_from(document: Mapping[str, Any], source: str) -> Study:
         own = any(cell.own_recording for cell in cells)
         if own and options.initialisation == "data" and options.seeds > 1:
             raise InputError(
-                'nothing of own recordings is drawn, so that all seeds are one run; give seeds = 1, or initialisation = "drawn"'
+                "nothing of own recordings is drawn, so that all seeds are one run; give seeds = 1 and more recordings, or "
+                'initialisation = "drawn", which draws beliefs about the truth of each (truth.csv)'
             )
         if options.initialisation == "drawn" and not own:
             for cell in cells:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.api.arguments import CampaignArguments
+from spinfilters.cli.common_options import shows_progress
 from spinfilters.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -65,8 +66,9 @@ def _progress_bar(title: str) -> "Iterator[Callable[[Advance], None]]":
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
     console = Console(stderr=True)
+    is_shown = console.is_terminal and shows_progress()
     columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bar:
         task = bar.add_task("", total=None)
 
         def show(advance: "Advance") -> None:

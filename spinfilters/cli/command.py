@@ -4,10 +4,11 @@ Nothing heavy is imported here, so that help and refusals are quick.
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass
 from typing import Annotated, Any, Final, Generic, TypeVar
 
+from spinfilters.cli.common_options import FigureOptions, PrintingOptions, common_options
 from spinfilters.io.argument_fields import GivenField, given_fields, numbers_by_name, record_from
 from spinfilters.io.stated_values import Argument, NumberRange
 
@@ -40,6 +41,8 @@ class Command(Generic[R]):
         Above the arguments in its own help.
     help : str
         One line in the list of actions; of a command that is no action, the table of commands has it.
+    common : type or None
+        Options that it shares with others (`spinfilters.cli.common_options`); None for a command that only prints.
     """
 
     name: str
@@ -47,19 +50,26 @@ class Command(Generic[R]):
     run: Callable[[R], int]
     description: str = ""
     help: str = ""
+    common: type[PrintingOptions] | None = None
 
     @property
     def parts(self) -> "tuple[tuple[str, Command[Any]], ...]":
         """The command alone, with the word that calls it."""
         return ((self.name, self),)
 
+    @property
+    def fields(self) -> tuple[GivenField, ...]:
+        """Its own arguments, then those that it shares with others."""
+        shared = () if self.common is None else given_fields(self.common)
+        return (*given_fields(self.arguments), *shared)
+
     def fill(self, parser: Any) -> None:
         """Add the description, the arguments and what runs it to a parser."""
         parser.description = self.description or None
-        add_arguments(parser, self.arguments)
+        add_arguments(parser, self.fields)
         parser.add_argument("-v", "--verbose", action="store_true", help=VERBOSE)
         parser.required = {}
-        for each in given_fields(self.arguments):
+        for each in self.fields:
             if each.default is MISSING:
                 # argparse calls an argument so in its messages
                 name = f"{each.argument.short}/{each.flag}" if each.argument.short else each.flag
@@ -69,7 +79,10 @@ class Command(Generic[R]):
 
     def run_parsed(self, options: argparse.Namespace) -> int:
         """Run it with parsed arguments. InputError: an argument that cannot be used."""
-        return self.run(arguments_from(self.arguments, options))
+        arguments = arguments_from(self.arguments, options)
+        shared = arguments_from(self.common, options) if self.common is not None else PrintingOptions()
+        with common_options(FigureOptions(**vars(shared))):
+            return self.run(arguments)
 
 
 @dataclass(frozen=True)
@@ -101,10 +114,10 @@ class CommandGroup:
         parser.actions, parser.default_action = tuple(action.name for action in self.actions), self.default
 
 
-def add_arguments(parser: argparse.ArgumentParser, record: type) -> None:
-    """Add an argument for each given field of a record, in the order of its fields."""
+def add_arguments(parser: argparse.ArgumentParser, given: Iterable[GivenField]) -> None:
+    """Add an argument for each of some given fields, in their order."""
     groups: dict[str, Any] = {"": parser}
-    for field in given_fields(record):
+    for field in given:
         if field.group not in groups:
             groups[field.group] = parser.add_argument_group(field.group)
         flags, options = _argparse_options(field)

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from spinfilters.cli.command import Command
 from spinfilters.cli.commands import COMMANDS
-from spinfilters.io.argument_fields import GivenField, default_text, given_fields
+from spinfilters.io.argument_fields import GivenField, default_text
 from spinfilters.io.output_files import write_or_print
 
 HEAD: Final = """# All commands
@@ -28,7 +28,7 @@ def page() -> str:
 
 
 def _section(command: Command[Any], heading: str, help_line: str) -> str:
-    rows = "".join(_row(field) for field in given_fields(command.arguments))
+    rows = "".join(_row(field) for field in command.fields)
     table = f"\n| argument | default | range | what it is |\n|---|---|---|---|\n{rows}" if rows else ""
     description = f" {command.description}" if command.description else ""
     return f"\n{heading}\n\n{_sentence(help_line)}{description}\n{table}"

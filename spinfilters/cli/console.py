@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from spinfilters.cli.common_options import prints_text, shows_progress
+
 if TYPE_CHECKING:
     from spinfilters.run.estimation import Progress as Report
 
@@ -17,10 +19,13 @@ WIDTH_OF_FILES = 150
 def wide_console() -> Console:
     """Console that tables fit into, a terminal at its own width.
 
-    Texts are printed as they are: file names and comments of recordings may hold brackets and colons.
+    It is silent where ``--quiet`` or ``--json`` asks for that. Texts are printed as they are:
+    file names and comments of recordings may hold brackets and colons.
     """
-    console = Console(markup=False, emoji=False)
-    return console if console.is_terminal else Console(width=WIDTH_OF_FILES, markup=False, emoji=False)
+    console = Console(markup=False, emoji=False, quiet=not prints_text())
+    if not console.is_terminal:
+        console.width = WIDTH_OF_FILES
+    return console
 
 
 @contextmanager
@@ -28,7 +33,8 @@ def progress_bars() -> "Iterator[Report]":
     """Progress bars on standard error, one per name as its work begins; silent where that is no terminal."""
     columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    is_shown = console.is_terminal and shows_progress()
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as progress:
         tasks = {}
 
         def report(name: str, done: int, total: int) -> None:

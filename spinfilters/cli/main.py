@@ -17,6 +17,7 @@ from typing import Any, Final, NoReturn
 
 from spinfilters import __version__
 from spinfilters.cli.commands import COMMANDS, ListedCommand
+from spinfilters.cli.common_options import prints_text
 from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.core.plugins import plugin_in
@@ -166,7 +167,7 @@ class _CompileNotice(logging.Handler):
         """Print warnings, and once a note that models are compiled."""
         if record.levelno >= logging.WARNING:
             _complain(record.getMessage())
-        elif not _CompileNotice.told:
+        elif not _CompileNotice.told and prints_text():
             _CompileNotice.told = True
             print("spinfilters: compiling the models for this machine, once ...", file=sys.stderr)
 

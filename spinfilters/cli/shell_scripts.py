@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from spinfilters.cli.commands import COMMANDS
-from spinfilters.io.argument_fields import GivenField, given_fields
+from spinfilters.io.argument_fields import GivenField
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def completed_commands() -> Iterator[CompletedCommand]:
     """Every command and every action of a group, in the order of the table."""
     for listed in COMMANDS:
         for words, command in listed.load().parts:
-            fields = given_fields(command.arguments)
+            fields = command.fields
             options = tuple(each for each in fields if not each.argument.positional)
             choices = next((each.choices for each in fields if each.argument.positional), None)
             yield CompletedCommand(words, command.help or listed.help, options, choices or ())

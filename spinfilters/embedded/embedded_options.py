@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from spinfilters.embedded.emitted_sensors import EmittedSensor
     from spinfilters.models.state_layout import StateLayout
 
-EmbeddedSensor = Literal["pose", "stereo", "gyro"]
+EmbeddedSensor = Literal["pose", "stereo-tracks", "gyro", "stereo"]
+"""The last is a former name of the second."""
 Real = Literal["float", "double"]
 Substeps = Literal[2, 4, 8, 16, 32, 64]
 """Of a prediction: even, for the noise is integrated by Simpson's or Boole's rule over them."""
@@ -29,7 +30,7 @@ class EmbedOptions:
     Attributes
     ----------
     sensor : str
-        Pose, stereo (which takes poses too) or gyro.
+        "pose", "stereo-tracks" (which takes poses too) or "gyro"; "stereo" is accepted too.
     landmarks : int
         That the map of a stereo filter holds, at most.
     real : str
@@ -49,7 +50,9 @@ class EmbedOptions:
         A value that is not allowed, or a block of the state that the sensor says nothing of.
     """
 
-    sensor: Annotated[EmbeddedSensor, Argument("that it measures with")] = "stereo"
+    sensor: Annotated[EmbeddedSensor, Argument("that it measures with; stereo is stereo-tracks")] = (
+        "stereo-tracks"
+    )
     landmarks: Annotated[int, MAP_SIZE, Argument("places in the map of a stereo filter", metavar="N")] = 200
     real: Annotated[Real, Argument("arithmetic")] = "float"
     substeps: Annotated[
@@ -85,6 +88,10 @@ class EmbedOptions:
             raise InputError(
                 f"embed --landmarks is {self.landmarks}; give {MAP_SIZE.smallest} to {MAP_SIZE.largest}"
             )
+        if (
+            self.sensor == "stereo-tracks"
+        ):  # the kind of data sets; models and C code have the sensor's own name
+            object.__setattr__(self, "sensor", "stereo")
         BIAS_STD.require("embed --gyro-bias-std", self.gyro_bias_std)
         BIAS_PSD.require("embed --gyro-bias-psd", self.gyro_bias_psd)
         if self.gyro_bias_psd and not self.gyro_bias_std:

@@ -132,9 +132,11 @@ LICENCE = "Licence: MIT, (c) the spinfilters founders. SPDX-License-Identifier: 
 
 def with_licence(name: str, text: str) -> str:
     """A file's text with the line of its licence in the comment of its language; those that state it already as they are."""
-    if name in ("README.md", "library.json"):
+    if name == "library.json":
         return text
     suffix = Path(name).suffix
+    if suffix == ".md":
+        return f"<!-- {LICENCE} -->\n\n{text}"
     if suffix == ".ini":
         return f"; {LICENCE}\n{text}"
     return f"/* {LICENCE} */\n{text}" if suffix in (".c", ".h", ".ld") else f"# {LICENCE}\n{text}"

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError, RowError, ShapeError
 from spinfilters.core.linear_algebra import is_definite
-from spinfilters.io.sensor_format import SensorFormat, sensor_format
+from spinfilters.io.sensor_format import SensorFormat, sensor_called, sensor_format
 
 QUATERNION_NORM_TOLERANCE: Final[float] = 1e-3
 """Largest | |q| - 1 | that is taken as rounding: the four decimals that many tools print give up to 1e-4."""
@@ -32,7 +32,8 @@ class MeasurementStream:
     Parameters
     ----------
     sensor : str
-        Name of a sensor of the registry (`spinfilters.models.sensor_registry`).
+        Name of a sensor of the registry (`spinfilters.models.sensor_registry`), or that of its kind of data sets, such as
+        "stereo-tracks"; the stream has the sensor's own name.
     time : Float[np.ndarray, ' n']
         s, any origin, possibly irregular; strictly increasing, but non-decreasing for sensors with many rows an
         epoch.
@@ -61,6 +62,7 @@ class MeasurementStream:
     covariance: Float[np.ndarray, "n k k"] | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "sensor", sensor_called(self.sensor))
         form = sensor_format(self.sensor)
         freeze_arrays(self, ("time", "values", "covariance"))
         freeze_arrays(self, ("ids",), np.int64)
@@ -139,9 +141,10 @@ class MeasurementLog:
         return np.unique(np.concatenate([stream.time for stream in self.streams]))
 
     def stream(self, name: str) -> MeasurementStream:
-        """The stream of that sensor. InputError when the log has none."""
+        """The stream of a sensor, by any of its names, such as "stereo-tracks". InputError when the log has none."""
+        sensor = sensor_called(name)
         for stream in self.streams:
-            if stream.sensor == name:
+            if stream.sensor == sensor:
                 return stream
         raise InputError(
             f"the log has no {name!r} measurements, only {', '.join(self.sensors)}; choose one of these"

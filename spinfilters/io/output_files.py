@@ -92,12 +92,28 @@ def write_json(path: Path, document: object) -> None:
         As `atomic_file`, or a document that JSON cannot hold (an array).
     """
     try:
-        text = json.dumps(_with_null(document), indent=2, allow_nan=False, ensure_ascii=False)
+        text = json_text(document)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"{path_text(path)}: JSON cannot hold this ({reason(error)}); pass plain Python values"
         ) from None
-    write_text(path, text + "\n")
+    write_text(path, text)
+
+
+def json_text(document: object) -> str:
+    """A document as indented JSON with a final line break; a number that is not finite becomes `null`.
+
+    Parameters
+    ----------
+    document : object
+        Dicts, lists, strings, numbers and None.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A document that JSON cannot hold (an array).
+    """
+    return json.dumps(_with_null(document), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _with_null(document: object) -> object:

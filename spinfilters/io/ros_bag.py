@@ -110,6 +110,10 @@ _MESSAGES: Final[dict[str, Callable[[Any], list[float]]]] = {
 """Numbers of a message of each type that is read: rates and specific force, or position and unit quaternion."""
 
 
+MOTION_TYPES: Final = tuple(_MESSAGES)
+"""Types of messages that have rates or poses."""
+
+
 class RosBagReader(StatedReader):
     """One topic of a bag."""
 
@@ -175,10 +179,10 @@ class BagMessage(NamedTuple):
     content: Any
 
 
-def bag_topics(path: Path, kinds: Collection[str]) -> list[str]:
-    """Topics of a bag whose messages are of one of these types, by name. InputError: as `bag_messages`."""
+def topics_by_type(path: Path) -> dict[str, str]:
+    """Type of the messages of every topic of a bag. InputError: as `bag_messages`."""
     with _open_bag(path) as bag:
-        return sorted({each.topic for each in bag.connections if each.msgtype in kinds})
+        return {each.topic: each.msgtype for each in bag.connections}
 
 
 def bag_messages(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:

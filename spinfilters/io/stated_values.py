@@ -249,6 +249,8 @@ class ReadingOptions:
         Of a ROS bag.
     columns : str or None
         Names of the columns of a table, with commas, in place of its header; ``-`` leaves one out.
+    rig : str or None
+        Folder with the calibration of the cameras of a bag, as ``spinfilters calibrate`` writes it.
 
     Raises
     ------
@@ -278,7 +280,9 @@ class ReadingOptions:
     topic: Annotated[
         str | None,
         Argument(
-            "topic of a ROS bag with several that can be read", metavar="NAME", cure="the name of a topic"
+            "topic of a ROS bag with several that can be read; of images two with a comma, left first",
+            metavar="NAME",
+            cure="the name of a topic",
         ),
     ] = None
 
@@ -288,6 +292,14 @@ class ReadingOptions:
             "columns of a table without a header, such as t,x,y,z; - leaves one out",
             metavar="NAMES",
             cure='names of columns with commas, such as "t,x,y,z"',
+        ),
+    ] = None
+    rig: Annotated[
+        str | None,
+        Argument(
+            "calibration of the images in a ROS bag without camera_info: folder with cam0 and cam1, of calibrate",
+            metavar="FOLDER",
+            cure="the folder of a calibration",
         ),
     ] = None
 

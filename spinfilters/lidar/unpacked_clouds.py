@@ -12,7 +12,6 @@ from spinfilters.io.input_file import path_text
 from spinfilters.io.ros_bag import bag_messages
 from spinfilters.lidar.scan import RETURN, Scan, write_scan
 
-CLOUD_TYPE: Final = "sensor_msgs/msg/PointCloud2"
 MOST_CLOUDS: Final = 100_000
 _NUMBERS: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name by ROS' number of a type (sensor_msgs/PointField)."""

@@ -1,9 +1,10 @@
 """Arguments of ``live``, whose defaults the options of a live run take. Nothing heavy is imported here, so that help is quick."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from spinfilters.io.stated_values import Argument, NumberRange
+from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
+from spinfilters.settings.settings_arguments import SettingsArguments
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +42,6 @@ class LiveArguments:
     deadline_ms: Annotated[
         float, NumberRange(1e-3, 1e6, "ms"), Argument("time from an epoch's arrival to its answer, ms")
     ] = 20.0
-    config: Annotated[str | None, Argument("TOML file with settings", metavar="FILE")] = None
+    stated: Annotated[SettingsArguments, ArgumentGroup()] = field(default_factory=SettingsArguments)
     summary: Annotated[str | None, Argument("also write the counts as JSON", metavar="FILE")] = None
     view: Annotated[bool, Argument("show a table in the terminal")] = False

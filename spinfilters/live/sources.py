@@ -18,7 +18,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.io.sensor_format import SensorFormat, sensor_format
+from spinfilters.io.sensor_format import SensorFormat, sensor_called, sensor_format
 
 LONGEST_LINE = 1000
 """Characters; what is longer is no measurement."""
@@ -118,7 +118,8 @@ class LineReader:
         self._count_lost("torn line", text)
 
     def _row(self, text: str) -> Row | None:
-        sensor, _, rest = text[:LONGEST_LINE].partition(",")
+        named, _, rest = text[:LONGEST_LINE].partition(",")
+        sensor = sensor_called(named)
         if sensor not in self.sensors:
             self._count_lost("unknown sensor", text)
             return None

@@ -14,6 +14,7 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.io.output_files import write_bytes
 from spinfilters.io.truth import Truth
 from spinfilters.run.run_report import box_edge
+from spinfilters.vision.image_folder import LossCount, stamped_pairs
 
 TIME_LINE: Final = "time"
 DEVIATIONS: Final = 3.0
@@ -22,15 +23,24 @@ AXES: Final = ("x", "y", "z")
 AXIS_COLORS: Final = ((200, 60, 60), (60, 150, 60), (60, 90, 210))
 
 
+MOST_IMAGES: Final = 300
+"""Of more images those at equal steps are shown: a file holds each as it is."""
+MEDIA_TYPES: Final = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+
+
 def write_rrd(
-    path: Path, evaluations: Sequence[Evaluation], maps: Mapping[str, Float[np.ndarray, "k 3"]], name: str
+    path: Path,
+    evaluations: Sequence[Evaluation],
+    maps: Mapping[str, Float[np.ndarray, "k 3"]],
+    name: str,
+    images: Path | None = None,
 ) -> None:
     """Write motions, bodies and maps of all estimators, and the truth, atomically.
 
     Everything spatial lies below ``/i``, the inertial frame in metres. ``/i/NAME/body`` moves with the centre of mass and frame g:
     it holds the principal axes, a box of equal inertia and the landmarks. ``/i/NAME/position`` is an ellipsoid of 3 standard
     deviations along the axes of i, ``/i/NAME/rate`` an arrow (rad/s). ``/NAME/...`` are courses over time: rate, velocity,
-    principal moments, their deviations, and NIS.
+    principal moments, their deviations, and NIS. ``/camera/left`` are the images of the left camera, at most 300 of them.
 
     Parameters
     ----------
@@ -42,6 +52,8 @@ def write_rrd(
         Landmarks in g, m, of the estimators that have a map, by name.
     name : str
         Of the data set.
+    images : Path or None
+        Folder of the stereo images that the run was made of; None where there are none.
 
     Raises
     ------
@@ -64,6 +76,8 @@ def write_rrd(
         for each in evaluations:
             _record_motion(rr, recording, each)
             _record_body(rr, recording, each, maps.get(each.name))
+        if images is not None:
+            _record_images(rr, recording, images)
         truths = (each.truth_in_own_frames for each in evaluations)
         truth = next((each for each in truths if each is not None), None)
         if truth is not None:
@@ -124,6 +138,18 @@ def _record_body(
     if landmarks is not None:
         centre = np.zeros(3) if body.center_of_mass_g is None else body.center_of_mass_g
         recording.log(f"i/{name}/body/map", rr.Points3D(landmarks - centre), static=True)
+
+
+def _record_images(rr: Any, recording: Any, folder: Path) -> None:
+    """Images of the left camera on the time line; one whose format Rerun does not take is left out."""
+    pairs = stamped_pairs(folder, LossCount())
+    for pair in pairs[:: -(-len(pairs) // MOST_IMAGES)]:
+        media_type = MEDIA_TYPES.get(pair.left.suffix.lower())
+        if media_type is None or not pair.left.is_file():
+            continue
+        recording.set_time(TIME_LINE, duration=pair.time)
+        content = rr.EncodedImage(contents=pair.left.read_bytes(), media_type=media_type)
+        recording.log("camera/left", content)
 
 
 def _record_truth(rr: Any, recording: Any, truth: Truth) -> None:

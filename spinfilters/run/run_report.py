@@ -19,6 +19,7 @@ from spinfilters.evaluation.spin_regime import spin_verdict
 from spinfilters.io.input_file import printable, read_bytes, read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.ply_files import read_ply
+from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.status import Holds
 from spinfilters.plots.figures import FigureData, figure_entries
 from spinfilters.plots.page import (
@@ -95,7 +96,9 @@ def _verdict_section(figure_data: FigureData) -> str:
     spin = None if best is None else spin_verdict(best)
     told = {
         "motion": "" if spin is None else spin.sentence,
-        "measurements": ", ".join(f"{len(stream)} of {stream.sensor}" for stream in log.streams),
+        "measurements": ", ".join(
+            f"{len(stream)} of {sensor_format(stream.sensor).kind}" for stream in log.streams
+        ),
         "epochs": str(max(len(each.history.time) for each in figure_data.evaluations)),
         "noise": " ".join(figure_data.conditions),
     }

@@ -290,8 +290,10 @@ def _run_segment(dataset: Dataset, folder: Path, settings: Settings) -> SegmentR
     return SegmentResult(number, read_summary(place))
 
 
-def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Settings) -> None:
-    """segments.json, and throws-<estimator>.png of every estimator that has a result."""
+def write_segments(
+    folder: Path, results: Sequence[SegmentResult], settings: Settings, figures: bool = True
+) -> dict[str, Any]:
+    """segments.json, which is returned, and with ``figures`` throws-<estimator>.png of every estimator that has a result."""
     document = {
         str(r.number): {"failure": r.failure} if r.summary is None else r.summary["estimators"]
         for r in results
@@ -303,11 +305,14 @@ def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Set
         name: None if found is None else found.document
         for name, found in pool_accelerations(results, settings).items()
     }
-    write_json(
-        folder / "segments.json",
-        {"schema": 1, "segments": document, "pooled": pooled, "pooled_acceleration": accelerations},
-    )
-    for name in settings.estimators:
+    written = {
+        "schema": 1,
+        "segments": document,
+        "pooled": pooled,
+        "pooled_acceleration": accelerations,
+    }
+    write_json(folder / "segments.json", written)
+    for name in settings.estimators if figures else ():
         throws: list[Throw] = []
         for result in results:
             if result.summary is not None:
@@ -318,6 +323,7 @@ def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Set
                     throws.append(Throw(result.number, ratios, covariance, estimate["status"] != "ok"))
         if throws:
             draw_figure(partial(throws_figure, throws), folder / throws_picture(name))
+    return written
 
 
 def throws_picture(estimator: str) -> str:

@@ -14,7 +14,6 @@ from spinfilters.io.ros_bag import BagMessage, bag_messages
 from spinfilters.vision.image_folder import CAMERAS, IMAGES, LIST
 
 COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"
-IMAGE_TYPES: Final = ("sensor_msgs/msg/Image", COMPRESSED)
 VIDEO_SUFFIXES: Final = (".avi", ".mp4", ".mov", ".mkv", ".webm", ".m4v")
 LARGEST_VIDEO: Final = 64 * 1024**3
 MOST_IMAGES: Final = 200_000

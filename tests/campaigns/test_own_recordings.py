@@ -45,6 +45,20 @@ def test_a_folder_names_the_recordings_in_it_and_settings_vary(recordings: Path)
     assert same == {key: rows[5][key] for key in same}
 
 
+def test_disturbances_vary_over_own_recordings(recordings: Path) -> None:
+    factors = {
+        "recording": [str(recordings / "toss-0")],
+        "estimator": ["mekf"],
+        "settings.process.torque_psd": [1e-8, 1e-4],
+    }
+    made = study(None, seeds=1, factors=factors)
+    assert [cell.settings.process.torque_psd for cell in made.cells] == [1e-8, 1e-4]
+    narrow, wide = (Runner(made).row(index) for index in range(2))
+    assert {narrow["outcome"], wide["outcome"]} == {"done"}, (narrow["reason"], wide["reason"])
+    assert narrow["settings.process.torque_psd"] == "1e-08"
+    assert narrow["nis"] > wide["nis"]
+
+
 @pytest.mark.parametrize(
     ("recording", "changes", "message"),
     [

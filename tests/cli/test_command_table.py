@@ -169,7 +169,7 @@ def test_the_table_names_each_command_as_its_file_does(listed: ListedCommand) ->
 
 @pytest.mark.parametrize("command", every_command(), ids=lambda command: command.name)
 def test_names_of_arguments_are_unique_and_each_has_a_help(command: Command[Any]) -> None:
-    given = given_fields(command.arguments)
+    given = command.fields
     names = [each.name for each in given]
     assert len(set(names)) == len(names)
     assert all(each.argument.help for each in given)

@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
+from spinfilters.core.errors import InputError
+from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.lidar.scan import read_scan
+from spinfilters.run.bag_recording import stereo_pair, unpacked_recording
 from spinfilters.vision.image_folder import LossCount, read_image, stamped_pairs
+from spinfilters.vision.rectification import read_raw_rig, write_raw_rig
 
 COUNT, SIZE = 5, (24, 32)
+SIDES = ("left", "right")
 START = 1_700_000_000_000_000_000
 GENERATOR = np.random.default_rng(3)
 GREY = GENERATOR.integers(0, 255, (2, COUNT, *SIZE), dtype=np.uint8)
@@ -191,3 +196,130 @@ def test_what_cannot_be_unpacked_is_refused(tmp_path: Path, capsys: pytest.Captu
         assert main(["unpack", *given, "-o", str(tmp_path / "out")]) == 2
         assert why in capsys.readouterr().err
         assert not (tmp_path / "out" / "cam0").exists()
+
+
+def camera_bag(path: Path, topics: dict[str, str], infos: bool = True, count: int = 3) -> Path:
+    """A ROS 2 bag of grey images, clouds and rates on the given topics, with the calibration of each camera."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types, told = store.types, set[str]()
+    with Writer(path, version=9) as writer:
+
+        def write(topic: str, kind: str, messages: list[Any]) -> None:
+            opened = writer.add_connection(topic, kind, typestore=store)
+            for k, message in enumerate(messages):
+                stamp = START + k * 100_000_000
+                writer.write(opened, stamp, store.serialize_cdr(message, kind))
+
+        for side, (topic, kind) in enumerate(topics.items()):
+            stamps = [START + k * 100_000_000 for k in range(count)]
+            if kind == "image":
+                made = [_image(types, each, GREY[side % 2, k], "mono8") for k, each in enumerate(stamps)]
+                write(topic, "sensor_msgs/msg/Image", made)
+                camera = topic.rsplit("/", 1)[0]
+                if infos and camera not in told:
+                    told.add(camera)
+                    info = [_camera_info(types, each, side) for each in stamps[:1]]
+                    write(f"{camera}/camera_info", "sensor_msgs/msg/CameraInfo", info)
+            elif kind == "cloud":
+                made = [_cloud(types, each, POINTS[k]) for k, each in enumerate(stamps)]
+                write(topic, "sensor_msgs/msg/PointCloud2", made)
+    return path
+
+
+def _camera_info(types: Any, stamp: int, side: int) -> Any:
+    """Calibration of a rectified pair with a baseline of 0.1 m."""
+    P = [40.0, 0, 16, -4.0 * side, 0, 40, 12, 0, 0, 0, 1, 0]
+    return types["sensor_msgs/msg/CameraInfo"](
+        header=_header(types, stamp),
+        height=SIZE[0],
+        width=SIZE[1],
+        distortion_model="plumb_bob",
+        d=np.zeros(5),
+        k=np.array([40.0, 0, 16, 0, 40, 12, 0, 0, 1]),
+        r=np.eye(3).reshape(-1),
+        p=np.array(P),
+        binning_x=0,
+        binning_y=0,
+        roi=types["sensor_msgs/msg/RegionOfInterest"](
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        ),
+    )
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache folder."""
+    monkeypatch.setenv("SPINFILTERS_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def test_a_bag_of_two_calibrated_cameras_is_its_folder_of_images(cache: Path, tmp_path: Path) -> None:
+    topics = {f"/stereo/{side}/{name}": "image" for name in ("image_raw", "debug") for side in SIDES}
+    path = camera_bag(tmp_path / "bag", topics)
+    found, left = unpacked_recording(str(path), NOTHING_STATED)
+    assert cache in Path(found).parents
+    assert left == NOTHING_STATED
+    rig = read_raw_rig(Path(found))
+    np.testing.assert_allclose(rig.relative_position, [-0.1, 0, 0])
+    assert len(stamped_pairs(Path(found), LossCount())) == 3
+    before = (Path(found) / "cam0" / "data.csv").stat().st_mtime_ns
+    assert unpacked_recording(str(path), NOTHING_STATED)[0] == found
+    assert (Path(found) / "cam0" / "data.csv").stat().st_mtime_ns == before  # it is unpacked once
+
+
+@pytest.mark.usefixtures("cache")
+def test_images_without_a_calibration_need_one_hint(tmp_path: Path) -> None:
+    path = camera_bag(tmp_path / "bag", {f"/cam{k}/image_raw": "image" for k in (0, 1)}, infos=False)
+    with pytest.raises(InputError, match="--rig"):
+        unpacked_recording(str(path), NOTHING_STATED)
+    write_raw_rig(read_raw_rig(Path(unpacked_recording(_calibrated(tmp_path), NOTHING_STATED)[0])), tmp_path)
+    found, _ = unpacked_recording(str(path), ReadingOptions(rig=str(tmp_path)))
+    assert (Path(found) / "cam1" / "sensor.yaml").is_file()
+
+
+def _calibrated(place: Path) -> str:
+    return str(camera_bag(place / "calibrated", {f"/{side}/image_raw": "image" for side in SIDES}))
+
+
+@pytest.mark.usefixtures("cache")
+def test_clouds_of_a_bag_are_its_scans_and_what_is_not_clear_is_listed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = camera_bag(tmp_path / "one", {"/points": "cloud"})
+    found, _ = unpacked_recording(str(path), NOTHING_STATED)
+    assert len(list((Path(found) / "scans").glob("*.ply"))) == 3
+    several = camera_bag(tmp_path / "two", {"/front": "cloud", "/rear": "cloud"})
+    assert main(["compare", str(several), "-o", str(tmp_path / "run")]) == 2
+    said = capsys.readouterr().err
+    assert "/front, /rear; give --topic" in said
+    assert said.count("\n") == 1
+    chosen, _ = unpacked_recording(str(several), ReadingOptions(topic="/rear"))
+    assert chosen != found
+
+
+@pytest.mark.parametrize(
+    ("topics", "pair"),
+    [
+        (["/a/left/image_raw", "/a/right/image_raw"], 0),
+        (
+            [
+                "/left/image_raw",
+                "/left/image_raw/compressed",
+                "/right/image_raw",
+                "/right/image_raw/compressed",
+            ],
+            0,
+        ),
+        (["/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw", "/camera/color"], 0),
+        (["/a", "/b"], 0),
+        (["/a", "/b", "/c"], None),
+        (["/front/left/image", "/front/right/image", "/rear/left/image", "/rear/right/image"], None),
+    ],
+)
+def test_the_left_and_the_right_are_told_by_their_names(topics: list[str], pair: int | None) -> None:
+    found = stereo_pair(topics)
+    assert (found is None) == (pair is None)
+    assert found is None or found[0] == topics[0]

@@ -1,7 +1,10 @@
 """What every command line has: exact flags, a hint at what was meant, settings by key, output for people and for programs."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,6 +80,101 @@ def test_keys_of_settings_are_set_by_name() -> None:
 def test_a_key_that_cannot_be_set_is_refused(text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         with_keys(Settings(), [text])
+
+
+PRINTING_ALONE = {"schema", "completion", "doctor", "campaign merge"}
+"""Commands whose output is all that they make, and one of earlier versions."""
+
+
+def test_every_command_that_makes_something_takes_the_common_options() -> None:
+    named = [each for listed in COMMANDS for each in listed.load().parts]
+    without = {words for words, command in named if command.common is None}
+    assert without == PRINTING_ALONE
+    for words, command in named:
+        flags = {each.flag for each in command.fields}
+        assert words in PRINTING_ALONE or {"--quiet", "--json"} <= flags
+
+
+SETTINGS = ("compare", "estimate", "live", "observe")
+"""Commands that estimate or judge with settings."""
+
+
+def test_every_command_with_settings_takes_single_ones_too() -> None:
+    named = [each for listed in COMMANDS for each in listed.load().parts]
+    for flag in ("--config", "--set"):
+        taking = [words for words, command in named if flag in {each.flag for each in command.fields}]
+        assert taking == list(SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("words", "key"),
+    [
+        ("polhode -o out", "kind"),
+        ("threshold -o out", "threshold_rpm"),
+        ("rig", "std_m"),
+        ("simulate -o out --kind gyro --frames 20", "measurements"),
+        ("observe --sensor gyro -o out --frames 5", "rank"),
+        ("study list", None),
+        ("reproduce list", None),
+    ],
+)
+def test_a_command_prints_its_result_as_json_draws_nothing_or_is_quiet(
+    words: str,
+    key: str | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plain = ["--no-figures"] if "-o" in words else []
+    assert main([*words.split(), "--json", *plain]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document
+    assert key is None or key in document
+    assert list(tmp_path.rglob("*.png")) == []
+    assert main([*words.split(), "-q", *plain]) == 0
+    said = capsys.readouterr()
+    assert said.out + said.err == ""
+
+
+def test_a_live_run_prints_its_counts_as_json_and_takes_the_settings_of_its_folder(
+    table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["live", table, "--speed", "1e6", "--no-smoother", "--no-figures", "--summary", "live.json"]
+    main([*words, "--json", "--deadline-ms", "1e6"])
+    said = capsys.readouterr()
+    assert json.loads(said.out) == json.loads((tmp_path / "live.json").read_text())
+    assert said.err == ""
+    assert not (tmp_path / "live.png").exists()
+    (tmp_path / "spinfilters.toml").write_text("[sensors]\nsmell = 1\n")
+    assert main(words) == 2
+    assert "sensors.smell" in capsys.readouterr().err
+    (tmp_path / "spinfilters.toml").unlink()
+    assert main([*words, "--set", "sensors.smell=1"]) == 2
+
+
+@pytest.mark.parametrize("words", [["compare"], ["track", "-o", "tracks"]])
+def test_something_is_shown_before_the_first_image_is_read(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for camera in ("cam0", "cam1"):
+        (tmp_path / "images" / camera / "data").mkdir(parents=True)
+    shown: list[str] = []
+
+    @contextmanager
+    def bars() -> Iterator[Any]:
+        yield lambda name, done, total: shown.append(name)
+
+    def read(*_: object) -> None:
+        assert shown == ["reading"]
+        raise InputError("no more than that")
+
+    monkeypatch.setattr("spinfilters.cli.console.progress_bars", bars)
+    monkeypatch.setattr("spinfilters.vision.track_images.stamped_pairs", read)
+    assert main([words[0], "images", *words[1:]]) == 2
+    assert shown == ["reading"]
 
 
 def test_numbers_alone_are_written_and_printed_for_programs(

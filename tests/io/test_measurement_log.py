@@ -62,6 +62,13 @@ def test_an_unsound_stream_cannot_be_made(fault: str) -> None:
     assert sensor in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["stereo", "stereo-tracks"])
+def test_a_sensor_is_found_by_its_name_and_by_that_of_its_data_sets(name: str) -> None:
+    stream = MeasurementStream(name, **GOOD["stereo"])
+    assert stream.sensor == "stereo"
+    assert MeasurementLog((stream,)).stream(name) is stream
+
+
 def test_an_unknown_sensor_is_named() -> None:
     with pytest.raises(InputError, match="'sonar' is unknown"):
         MeasurementStream("sonar", **GOOD["gyro"])

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import FigureOptions, draw, print_json_file
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
 from spinfilters.vision.calibration_arguments import CalibrateArguments
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 def calibrate(options: CalibrateArguments) -> int:
     """Calibrate a stereo pair; write and print the result. Exit code 1 where a check fails."""
     from spinfilters.io.output_files import output_folder, refuse_foreign
-    from spinfilters.plots.style import save_figure
     from spinfilters.vision.calibration_files import write_calibration
     from spinfilters.vision.calibration_images import Board, board_views, image_pairs
     from spinfilters.vision.image_folder import LossCount
@@ -46,8 +46,9 @@ def calibrate(options: CalibrateArguments) -> int:
         if options.check:
             used = {view.name for view in found.views}
             pair = next(pair for pair in pairs if pair[0].name in used)
-            save_figure(_figure(found, *pair), place / "check.png")
+            draw(lambda: _figure(found, *pair), place / "check.png")
     _print(found, results, losses, options.window, folder)
+    print_json_file(folder / "calibration.json")
     return 0 if all(result.passed for result in results) else 1
 
 
@@ -117,4 +118,5 @@ COMMAND = Command(
     "Images are named left* and right*, or lie in the EuRoC layout. Writes cam0/sensor.yaml and cam1/sensor.yaml for track, "
     "and opencv.yml. The file calibration.json has the uncertainty of every parameter, the error of every image, and the rejected "
     "views with the reason.",
+    common=FigureOptions,
 )

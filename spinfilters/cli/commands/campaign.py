@@ -9,6 +9,7 @@ from typing import Annotated, Final, NoReturn
 from spinfilters.api.arguments import CampaignArguments
 from spinfilters.cli.campaign_progress import rows_with_bar
 from spinfilters.cli.command import Command, CommandGroup
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
 
@@ -39,6 +40,15 @@ def run_study(options: RunStudyArguments) -> int:
         faulty += f" (mostly: {done.commonest_reason})"
     report = f"spinfilters campaign report {shlex.quote(options.output)}"
     _print_line(f"{done.done} of {done.total} runs in {options.output}{faulty}; now: {report}")
+    print_document(
+        {
+            "folder": options.output,
+            "done": done.done,
+            "total": done.total,
+            "without_result": done.faulty,
+            "commonest_reason": done.commonest_reason or None,
+        }
+    )
     return 0
 
 
@@ -56,7 +66,9 @@ def report_campaign(options: ReportArguments) -> int:
     require_installed("pyarrow")
     from spinfilters.campaigns.campaign_report import write_report
 
-    _print_line(f"report: {write_report(Path(options.folder))}")
+    written = write_report(Path(options.folder))
+    _print_line(f"report: {written}")
+    print_document({"report": str(written)})
     return 0
 
 
@@ -94,9 +106,9 @@ def repeat_run(options: RepeatArguments) -> int:
 
     target = None if options.output is None else Path(options.output)
     row = repeated_run(Path(options.folder), options.run, target)
-    _print_line(
-        json.dumps({key: value for key, value in row.items() if not isinstance(value, list)}, indent=2)
-    )
+    numbers = {key: value for key, value in row.items() if not isinstance(value, list)}
+    _print_line(json.dumps(numbers, indent=2))
+    print_document(numbers)
     if target is not None:
         _print_line(f"data set of run {options.run}: {target}")
     return 0
@@ -111,12 +123,24 @@ def _print_line(text: str) -> None:
 COMMAND = CommandGroup(
     "campaign",
     (
-        Command("run", RunStudyArguments, run_study, help="run every cell of a study with every seed"),
-        Command("report", ReportArguments, report_campaign, help="report a finished or interrupted campaign"),
+        Command(
+            "run",
+            RunStudyArguments,
+            run_study,
+            help="run every cell of a study with every seed",
+            common=PrintingOptions,
+        ),
+        Command(
+            "report",
+            ReportArguments,
+            report_campaign,
+            help="report a finished or interrupted campaign",
+            common=PrintingOptions,
+        ),
         Command(
             "merge", MergeArguments, refuse_shards, help="of earlier versions; run --scheduler replaces it"
         ),
-        Command("repeat", RepeatArguments, repeat_run, help="make one run again"),
+        Command("repeat", RepeatArguments, repeat_run, help="make one run again", common=PrintingOptions),
     ),
     default="run",
     description="Runs every cell of a study with every seed: spinfilters campaign STUDY.toml -o OUT, short for campaign run.",

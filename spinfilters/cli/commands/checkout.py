@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import FigureOptions, draw, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
 from spinfilters.io.stated_values import Argument
@@ -43,23 +44,25 @@ def checkout(options: CheckoutArguments) -> int:
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND.name)
     passed, lines = True, []
+    document: dict[str, Any] = {}
     with output_folder(folder, COMMAND.name) as place:
         if options.images is not None:
-            passed, told = _check(options, place)
+            passed, told, document["checkout"] = _check(options, place)
             lines += told
         if options.difference is not None:
-            lines += _differ(options, place)
+            told, document["differences"] = _differ(options, place)
+            lines += told
     wide_console().print("\n".join([*lines, f"written to {folder}"]), highlight=False, soft_wrap=True)
+    print_document(document)
     return 0 if passed else 1
 
 
-def _check(options: CheckoutArguments, place: Path) -> tuple[bool, list[str]]:
+def _check(options: CheckoutArguments, place: Path) -> tuple[bool, list[str], dict[str, Any]]:
     """Checkout on new images: its files, verdict and lines."""
     import numpy as np
 
     from spinfilters.io.output_files import write_json
     from spinfilters.plots.measurement_figures import checkout_figure
-    from spinfilters.plots.style import save_figure
     from spinfilters.vision.calibration_checkout import check_stored
     from spinfilters.vision.calibration_images import Board, board_views, image_pairs
     from spinfilters.vision.depth_map import disparity_map, textured_pixels
@@ -83,7 +86,7 @@ def _check(options: CheckoutArguments, place: Path) -> tuple[bool, list[str]]:
     images = Rectification(rig).images(left, right)
     disparity = disparity_map(*images, largest=rig.left.width // 4)
     disparity[~textured_pixels(images[0])] = np.nan
-    save_figure(checkout_figure(found, *images, disparity), place / "checkout.png")
+    draw(lambda: checkout_figure(found, *images, disparity), place / "checkout.png")
     document = {"passed": found.passed, "checks": [vars(result) for result in found.results]}
     write_json(place / "checkout.json", document)
     lines = losses.sentences()
@@ -91,23 +94,22 @@ def _check(options: CheckoutArguments, place: Path) -> tuple[bool, list[str]]:
         f"{'ok  ' if result.passed else 'BAD '} {result.name}: {result.value} ({result.allowed})"
         for result in found.results
     ]
-    return found.passed, lines
+    return found.passed, lines, document
 
 
-def _differ(options: CheckoutArguments, place: Path) -> list[str]:
-    """What differs between two calibrations: its files and lines."""
+def _differ(options: CheckoutArguments, place: Path) -> tuple[list[str], dict[str, Any]]:
+    """What differs between two calibrations: its files, lines and numbers."""
     import numpy as np
 
     from spinfilters.io.output_files import write_text
     from spinfilters.plots.measurement_figures import calibration_changes_figure
-    from spinfilters.plots.style import save_figure
     from spinfilters.vision.calibration_checkout import calibration_changes, read_deviations, rotation_change
     from spinfilters.vision.rectification import read_raw_rig
 
     first, second = Path(options.stored), Path(str(options.difference))
     rigs = read_raw_rig(first), read_raw_rig(second)
     changes = calibration_changes(*rigs, read_deviations(first), read_deviations(second))
-    save_figure(calibration_changes_figure(changes), place / "difference.png")
+    draw(lambda: calibration_changes_figure(changes), place / "difference.png")
     head = "parameter,unit,first,second,difference,std"
     rows = []
     for each in changes:
@@ -121,7 +123,12 @@ def _differ(options: CheckoutArguments, place: Path) -> list[str]:
         for each in changes
     ]
     turned = ", ".join(f"{value:.4f}" for value in axis.tolist())
-    return [*lines, f"rotation change: {np.rad2deg(angle):.4f} deg about ({turned})"]
+    document = {
+        "parameters": [vars(each) for each in changes],
+        "rotation_deg": float(np.rad2deg(angle)),
+        "rotation_axis": axis.tolist(),
+    }
+    return [*lines, f"rotation change: {np.rad2deg(angle):.4f} deg about ({turned})"], document
 
 
 COMMAND = Command(
@@ -131,4 +138,5 @@ COMMAND = Command(
     "With --images, the screens of a checkout before use (Tweddle 2013, sections 5.10 and 5.11): values within ranges, lines "
     "between corresponding corners, measured squares, a disparity map. With --difference: every number of two calibrations with "
     "the deviation of its change, and the rotation change as axis and angle (Table 5.5).",
+    common=FigureOptions,
 )

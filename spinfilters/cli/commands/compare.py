@@ -12,14 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from spinfilters.api.arguments import RunArguments
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document, print_json_file, prints_text
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import value_text
 from spinfilters.io.stated_values import Argument, ArgumentGroup, ReadingOptions
+from spinfilters.settings.settings_arguments import SettingsArguments
 from spinfilters.simulation.scenario_record import SEED
 
 if TYPE_CHECKING:
     from spinfilters.io.dataset import Dataset
-    from spinfilters.run.estimation import Comparison
+    from spinfilters.run.estimation import Comparison, Progress
     from spinfilters.run.segment_choice import SegmentChoice
     from spinfilters.run.segment_runs import SegmentResult
     from spinfilters.settings.run_settings import Settings
@@ -31,8 +33,6 @@ NAMES: Final = (
 """Names for the help, which loads no estimator; a test compares them with the table."""
 RECORDING: Final = "a recording: data set folder, stereo images, log of a phone or robot, table with named columns, ROS bag, TUM"
 _FLIGHTS_PRINTED: Final = 4
-OWN_SETTINGS: Final = "spinfilters.toml"
-"""Settings file of the folder in which the command runs, taken where ``--config`` names no other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,22 +52,7 @@ class ComparisonArguments(RunArguments):
         Literal["quadratic", "linear", "auto"] | None,
         Argument("law of --drag: quadratic in the rate (default), linear, or auto: the likelier, if any"),
     ] = None
-    config: Annotated[
-        str | None,
-        Argument(
-            "TOML file with settings, such as config.toml of another run; tweddle: those of section 6.4 of Tweddle (2013)",
-            metavar="FILE",
-        ),
-    ] = None
-    set: Annotated[
-        tuple[tuple[str], ...],
-        Argument(
-            "one setting, such as sensors.pixel_std=0.5; has precedence over all others; may be repeated",
-            metavar="KEY=VALUE",
-        ),
-    ] = ()
-    quiet: Annotated[bool, Argument("print only errors", short="-q")] = False
-    json: Annotated[bool, Argument("print the content of summary.json instead of the table")] = False
+    stated: Annotated[SettingsArguments, ArgumentGroup()] = field(default_factory=SettingsArguments)
     reading: Annotated[ReadingOptions, ArgumentGroup("what the recording does not state")] = field(
         default_factory=ReadingOptions
     )
@@ -107,8 +92,8 @@ def compare(options: CompareArguments) -> int:
     with progress_bars() as report:
         output = RunOutput(folder, options.how.resume, optional_outputs, not options.how.no_figures)
         written = compare_into(dataset, settings, output, report)
-    if options.how.quiet or options.how.json:
-        return _without_table(options.how, written.comparison, folder)
+    if not prints_text():
+        return _without_table(written.comparison, folder)
     if written.comparison is None:
         rest = f"made {', '.join(written.completed)}" if written.completed else "nothing is left to do"
         wide_console().print(f"run folder: {folder} is complete, {rest}", highlight=False, soft_wrap=True)
@@ -125,26 +110,23 @@ def compare(options: CompareArguments) -> int:
 
 
 def _read_with_bar(options: CompareArguments, choice: "SegmentChoice | None") -> "Dataset":
-    """The data set, with a bar from the first second on where somebody watches; images have bars of their own."""
-    from spinfilters.io.dataset_reader import has_images
-
-    if not sys.stderr.isatty() or (options.dataset is not None and has_images(options.dataset)):
-        return _dataset(options, choice)
+    """The data set, with a bar from the first second on where somebody watches."""
+    if not sys.stderr.isatty():  # a refused recording needs no bars
+        return _dataset(options, choice, lambda *_: None)
     from spinfilters.cli.console import progress_bars
 
     with progress_bars() as report:
         report("simulating" if options.dataset is None else "reading", 0, 1)
-        return _dataset(options, choice)
+        return _dataset(options, choice, report)
 
 
-def _without_table(how: ComparisonArguments, comparison: "Comparison | None", folder: Path) -> int:
+def _without_table(comparison: "Comparison | None", folder: Path) -> int:
     """Print the summary as JSON, or nothing. InputError: the run was interrupted."""
     if comparison is not None and comparison.interrupted:
         raise InputError(f"interrupted; the finished part is in {folder}, --resume continues from it")
-    if how.json:
-        from spinfilters.run.run_summary import SUMMARY_FILE
+    from spinfilters.run.run_summary import SUMMARY_FILE
 
-        print((folder / SUMMARY_FILE).read_text(encoding="utf-8").rstrip("\n"))
+    print_json_file(folder / SUMMARY_FILE)
     return 0
 
 
@@ -159,18 +141,14 @@ def settings_of(options: CompareArguments) -> "Settings":
     from spinfilters.run.estimators import estimator_entries
     from spinfilters.settings.run_settings import (
         DEFAULT_ESTIMATORS,
-        Settings,
         names_in,
-        read_settings,
-        with_keys,
     )
 
     how = options.how
-    config = how.config or (OWN_SETTINGS if Path(OWN_SETTINGS).is_file() else None)
-    settings = read_settings(Path(config)) if config else Settings()
+    settings = how.stated.of_file()
     if options.estimators is not None:
         settings = replace(settings, estimators=names_in(options.estimators))
-    elif options.known_map and not config:
+    elif options.known_map and how.stated.file is None:
         entries = estimator_entries().values()
         baselines = (entry.name for entry in entries if entry.is_baseline and not entry.holds_landmarks)
         settings = replace(settings, estimators=(*DEFAULT_ESTIMATORS, *baselines))
@@ -182,7 +160,7 @@ def settings_of(options: CompareArguments) -> "Settings":
     if how.from_truth is not None:
         drawn = replace(settings.initialisation, from_truth=True, draw=how.from_truth, mean={})
         settings = replace(settings, initialisation=drawn)
-    return with_keys(settings, [text for (text,) in how.set]) if how.set else settings
+    return how.stated.changed(settings)
 
 
 def _segment_choice(text: str | None) -> "SegmentChoice | None":
@@ -193,7 +171,7 @@ def _segment_choice(text: str | None) -> "SegmentChoice | None":
     return segment_choice(text)
 
 
-def _dataset(options: CompareArguments, choice: "SegmentChoice | None") -> "Dataset":
+def _dataset(options: CompareArguments, choice: "SegmentChoice | None", report: "Progress") -> "Dataset":
     """The recording, a segment of it, or the bundled example."""
     stated = options.how.reading
     if options.dataset is None:
@@ -214,25 +192,38 @@ def _dataset(options: CompareArguments, choice: "SegmentChoice | None") -> "Data
         from spinfilters.run.segment_choice import read_chosen
 
         return read_chosen(options.dataset, choice, stated)
-    return _recording(options.dataset, stated)
+    return _recording(options.dataset, stated, report)
 
 
-def _recording(path: str, stated: ReadingOptions) -> "Dataset":
+def _recording(path: str, stated: ReadingOptions, report: "Progress") -> "Dataset":
     """The data set of a path, or of the tracks of its stereo images, with losses."""
     from spinfilters.io.dataset_reader import IMAGES, has_images
     from spinfilters.run.readers import read_dataset
 
+    path, stated = _unpacked(path, stated)
     if not has_images(path):
         return read_dataset(path, options=stated)
     stated.require_only((), IMAGES)
-    from spinfilters.cli.console import progress_bars, wide_console
+    from spinfilters.cli.console import wide_console
     from spinfilters.vision.track_images import track_images
 
-    with progress_bars() as report:
-        tracked = track_images(Path(path), progress=report)
+    tracked = track_images(Path(path), progress=report)
     for line in tracked.losses.sentences():
         wide_console().print(line, highlight=False, soft_wrap=True)
     return tracked.dataset
+
+
+def _unpacked(path: str, stated: ReadingOptions) -> tuple[str, ReadingOptions]:
+    """The folder of a bag's images or clouds, with a line that says where it is; any other path as it is."""
+    from spinfilters.run.bag_recording import unpacked_recording
+
+    found, options = unpacked_recording(path, stated)
+    if found == path:
+        return path, stated
+    from spinfilters.cli.console import wide_console
+
+    wide_console().print(f"unpacked into {found}", highlight=False, soft_wrap=True)
+    return str(found), options
 
 
 def _print_comparison(comparison: "Comparison", folder: Path) -> None:
@@ -300,8 +291,9 @@ def _compare_segments(recording: str, which: str, settings: "Settings", options:
             )
         interrupted = len(results) < len(datasets)
         results = sorted([*refused, *results], key=lambda result: result.number)
-        write_segments(folder, results, settings)
+        document = write_segments(folder, results, settings, not options.no_figures)
     _print_segments(results, settings)
+    print_document(document)
     if interrupted:
         raise InputError(
             f"interrupted after {len(results)} of {len(datasets) + len(refused)} segments; run the command again to continue"
@@ -335,4 +327,5 @@ COMMAND = Command(
     "Without DATASET the bundled example is simulated, the thesis' own problem. A stereo camera with 1 px of noise tracks unknown "
     "landmarks on a SPHERES-like body that rotates at 10 rpm about its intermediate axis. There are 115 epochs at 0.5 s. "
     "Disturbances are 0.001 (m/s^2)/sqrt(Hz) and 0.001 (rad/s^2)/sqrt(Hz).",
+    common=PrintingOptions,
 )

@@ -1,10 +1,12 @@
 """The command ``condition``: how well conditioned covariances are, by time step and units."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import FigureOptions, draw, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
 from spinfilters.io.stated_values import Argument, NumberRange
@@ -47,14 +49,13 @@ def condition(options: ConditionArguments) -> int:
 
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
-    from spinfilters.plots.style import save_figure
 
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND.name)
     report, figure = _of_time_step(options) if options.run is None else _of_run(options, Path(options.run))
     with output_folder(folder, COMMAND.name) as place:
         write_text(place / "condition.csv", "".join(f"{line}\n" for line in report.lines))
-        save_figure(figure, place / "condition.png")
+        draw(figure, place / "condition.png")
         write_json(place / "condition.json", report.document)
     table = Table(*report.headings)
     for row in report.rows:
@@ -62,10 +63,11 @@ def condition(options: ConditionArguments) -> int:
     console = wide_console()
     console.print(table)
     console.print("\n".join([*report.sentences, f"written to {folder}"]), highlight=False, soft_wrap=True)
+    print_document(report.document)
     return 0
 
 
-def _of_time_step(options: ConditionArguments) -> "tuple[ConditioningReport, Figure]":
+def _of_time_step(options: ConditionArguments) -> "tuple[ConditioningReport, Callable[[], Figure]]":
     import numpy as np
 
     from observability.conditioning import best_velocity_unit
@@ -81,10 +83,10 @@ def _of_time_step(options: ConditionArguments) -> "tuple[ConditioningReport, Fig
         report = noise_report(dt, alpha, rate)
     except IntegrationError as error:
         raise InputError(f"{error}; give a shorter --time-step or a slower --rate-rpm") from None
-    return report, conditioning_figure(rate, dt, alpha)
+    return report, lambda: conditioning_figure(rate, dt, alpha)
 
 
-def _of_run(options: ConditionArguments, run: Path) -> "tuple[ConditioningReport, Figure]":
+def _of_run(options: ConditionArguments, run: Path) -> "tuple[ConditioningReport, Callable[[], Figure]]":
     from observability.conditioning import covariance_conditioning
     from observability.conditioning_report import covariance_report
     from spinfilters.plots.observability_figures import covariance_figure
@@ -106,7 +108,7 @@ def _of_run(options: ConditionArguments, run: Path) -> "tuple[ConditioningReport
         covariance_conditioning(each.name, each.layout, each.time, each.factor)
         for each in map(read_history, paths)
     ]
-    return covariance_report(str(run), found), covariance_figure(found)
+    return covariance_report(str(run), found), lambda: covariance_figure(found)
 
 
 COMMAND = Command(
@@ -116,4 +118,5 @@ COMMAND = Command(
     "Without RUN: condition number of the process noise of a time step, velocity in units of alpha (section 4.9 of the thesis). "
     "The best is 13.93, at dt = sqrt(3)/alpha. Also that of the whole pose and its velocities at a body rate. With RUN: condition "
     "number of every estimator's own covariance over its epochs, and the units that improve it.",
+    common=FigureOptions,
 )

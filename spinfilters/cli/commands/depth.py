@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import FigureOptions, draw, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
 from spinfilters.io.stated_values import Argument, NumberRange
@@ -35,7 +36,6 @@ def depth(options: DepthArguments) -> int:
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign
     from spinfilters.plots.measurement_figures import disparities_figure
-    from spinfilters.plots.style import save_figure
     from spinfilters.run.array_files import write_arrays
     from spinfilters.vision.depth_map import disparity_map, local_disparity_map, textured_pixels
     from spinfilters.vision.image_folder import read_image
@@ -79,11 +79,11 @@ def depth(options: DepthArguments) -> int:
             arrays |= {f"depth_{name}_m": values for name, values in depths.items()}
             titles, unit = {f"depth, {name} matching": values for name, values in depths.items()}, "m"
         write_arrays(place / "depth.npz", arrays)
-        save_figure(disparities_figure(left, titles, unit), place / "depth.png")
-    lines = [
-        f"{name} matching fills {100 * np.isfinite(v).mean():.1f} % of the image" for name, v in maps.items()
-    ]
+        draw(lambda: disparities_figure(left, titles, unit), place / "depth.png")
+    filled = {name: float(np.isfinite(values).mean()) for name, values in maps.items()}
+    lines = [f"{name} matching fills {100 * share:.1f} % of the image" for name, share in filled.items()]
     wide_console().print("\n".join([*lines, f"written to {folder}"]), highlight=False, soft_wrap=True)
+    print_document({"folder": str(folder), "filled": filled})
     return 0
 
 
@@ -94,4 +94,5 @@ COMMAND = Command(
     "Local matching compares blocks (OpenCV's sums of absolute differences), global matching makes neighbours agree (semi-global "
     "matching, Hirschmueller 2008), as section 2.10 of Tweddle (2013) sets side by side. Pixels without texture are left "
     "out. depth.npz has a map each; with --rig also the depth in metres.",
+    common=FigureOptions,
 )

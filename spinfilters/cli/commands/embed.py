@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.io.stated_values import Argument, ArgumentGroup
 
@@ -49,7 +50,8 @@ def embed(options: EmbedArguments) -> int:
         highlight=False,
         soft_wrap=True,
     )
-    memory = ", ".join(f"{what.strip('`')} {count} bytes" for what, count in memory_sizes(chosen).items())
+    sizes = {what.strip("`"): count for what, count in memory_sizes(chosen).items()}
+    memory = ", ".join(f"{what} {count} bytes" for what, count in sizes.items())
     counts = operation_counts(chosen)
     prediction = counts["substep"] * chosen.substeps + counts["inertia"] + counts["transition"]
     wide_console().print(
@@ -57,6 +59,15 @@ def embed(options: EmbedArguments) -> int:
         f"{counts['correction']} a correction; `make -C {folder} emulate` counts instructions and stack",
         highlight=False,
         soft_wrap=True,
+    )
+    print_document(
+        {
+            "folder": str(folder),
+            "files": [file.name for file in files],
+            "bytes": size,
+            "memory_bytes": sizes,
+            "operations": {"prediction": prediction, "correction": counts["correction"]},
+        }
     )
     return 0
 
@@ -67,4 +78,5 @@ COMMAND = Command(
     embed,
     "Writes a small C library with the light filter: no heap, no libm, fixed work. It has test vectors from Python: compare with "
     "them by `make test`, or on an emulated Cortex-M4F by `make emulate`, which counts instructions.",
+    common=PrintingOptions,
 )

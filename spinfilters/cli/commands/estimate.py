@@ -11,6 +11,7 @@ from spinfilters.cli.commands.compare import (
     ComparisonArguments,
     compare,
 )
+from spinfilters.cli.common_options import PrintingOptions
 from spinfilters.io.stated_values import Argument, ArgumentGroup
 
 
@@ -28,4 +29,4 @@ def estimate(options: EstimateArguments) -> int:
     return compare(CompareArguments(dataset=options.dataset, estimators=options.estimator, how=options.how))
 
 
-COMMAND = Command("estimate", EstimateArguments, estimate)
+COMMAND = Command("estimate", EstimateArguments, estimate, common=PrintingOptions)

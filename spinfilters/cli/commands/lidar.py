@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from spinfilters.cli.command import Command, CommandGroup
+from spinfilters.cli.common_options import FigureOptions, draw, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
 from spinfilters.simulation.scan_arguments import ScanArguments
@@ -45,7 +46,9 @@ def scan(options: ScanCommandArguments) -> int:
     for line in (scene.size_sentence, *(f"{scene.mesh.name}: {remark}" for remark in scene.mesh.remarks)):
         console.print(line, highlight=False, soft_wrap=True)
     write = _write_scan if options.body.scans is None else _write_sequence
-    console.print(f"{write(options, scene, folder, name)} in {folder}", highlight=False, soft_wrap=True)
+    said = write(options, scene, folder, name)
+    console.print(f"{said} in {folder}", highlight=False, soft_wrap=True)
+    print_document({"folder": str(folder), "written": said, **scene.metadata, "seed": options.seed})
     return 0
 
 
@@ -56,7 +59,6 @@ def _write_scan(options: ScanCommandArguments, scene: "ScannedScene", folder: Pa
     from spinfilters.io.output_files import output_folder
     from spinfilters.lidar.scan import write_scan
     from spinfilters.plots.measurement_figures import scan_figure
-    from spinfilters.plots.style import save_figure
 
     found = scene.scanner.scan(scene.at_rest, 0.0, np.random.default_rng(options.seed))
     found = _with_metadata(found, options, scene)
@@ -67,7 +69,7 @@ def _write_scan(options: ScanCommandArguments, scene: "ScannedScene", folder: Pa
     with output_folder(folder, name) as place:
         for ending in dict.fromkeys(options.written.format):
             write_scan(place / f"scan.{ending}", found, options.written.misses)
-        save_figure(scan_figure(found, Path(scene.mesh.name).name), place / "scan.png")
+        draw(lambda: scan_figure(found, Path(scene.mesh.name).name), place / "scan.png")
     causes = [word for word in ("too weak", "saturated", "dust") if found.metadata[word]]
     lost = "".join(f", {found.metadata[word]} {word}" for word in causes)
     return f"{np.count_nonzero(found.is_return)} of {len(found)} rays returned{lost}"
@@ -81,7 +83,6 @@ def _write_sequence(options: ScanCommandArguments, scene: "ScannedScene", folder
     from spinfilters.io.output_files import output_folder
     from spinfilters.lidar.scan_streams import KIND, POINTS_KIND
     from spinfilters.plots.measurement_figures import scan_figure
-    from spinfilters.plots.style import save_figure
     from spinfilters.simulation.lidar_sequence import scan_sequence, scan_times, truth_of, write_sequence
 
     body = options.body
@@ -100,7 +101,7 @@ def _write_sequence(options: ScanCommandArguments, scene: "ScannedScene", folder
         kind = POINTS_KIND if body.points else KIND
         write_sequence(place, scans, truth_of(motion, epochs), description, kind)
         best = scans[counts.index(max(counts))]
-        save_figure(scan_figure(best, Path(scene.mesh.name).name), place / "scan.png")
+        draw(lambda: scan_figure(best, Path(scene.mesh.name).name), place / "scan.png")
     return f"{len(scans)} scans of {min(counts)} to {max(counts)} points"
 
 
@@ -131,7 +132,6 @@ def needed(options: NeededArguments) -> int:
     from spinfilters.lidar.scan_pose import attitude_stds, scans_needed
     from spinfilters.lidar.scan_streams import registered_scans
     from spinfilters.plots.measurement_figures import scan_accuracy_figure
-    from spinfilters.plots.style import save_figure
 
     folder, place, name = Path(options.scans), Path(options.output), f"{COMMAND.name} {NEEDED.name}"
     wanted = np.deg2rad(options.attitude_deg)
@@ -139,7 +139,7 @@ def needed(options: NeededArguments) -> int:
     found = registered_scans(folder)
     stds, count = attitude_stds(found.poses), scans_needed(found.poses, wanted)
     with output_folder(place, name) as written:
-        save_figure(scan_accuracy_figure(stds, wanted, count, folder.name), written / "scans_needed.png")
+        draw(lambda: scan_accuracy_figure(stds, wanted, count, folder.name), written / "scans_needed.png")
     console = wide_console()
     for remark in dict.fromkeys((*found.doubts, *found.remarks)):
         console.print(f"{folder}: {remark}", highlight=False, soft_wrap=True)
@@ -148,6 +148,14 @@ def needed(options: NeededArguments) -> int:
         f"together: {np.rad2deg(stds[-1]):.2g} deg; picture in {place}",
         highlight=False,
         soft_wrap=True,
+    )
+    print_document(
+        {
+            "scans_needed": count,
+            "attitude_std_deg": options.attitude_deg,
+            "scans": len(stds),
+            "attitude_std_of_all_deg": float(np.rad2deg(stds[-1])),
+        }
     )
     return 0
 
@@ -159,6 +167,7 @@ SCAN = Command(
     "Writes scan.ply, scan.png and metadata; with --scans a data set of scans of the tumbling body, with truth, for "
     "'spinfilters compare'. Frame of the lidar: x along its axis, y towards elevation, z towards azimuth.",
     help="scan a mesh with a simulated lidar",
+    common=FigureOptions,
 )
 NEEDED = Command(
     "needed",
@@ -167,5 +176,6 @@ NEEDED = Command(
     "Registers the scans of a data set of kind lidar-scans and estimates how many like them a mean attitude of the accuracy takes; "
     "writes scans_needed.png.",
     help="how many scans an attitude of a given accuracy takes",
+    common=FigureOptions,
 )
 COMMAND = CommandGroup("lidar", (SCAN, NEEDED))

@@ -5,9 +5,16 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TextIO
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import (
+    FigureOptions,
+    draws_figures,
+    print_document,
+    prints_document,
+    prints_text,
+)
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import reason
 from spinfilters.live.live_arguments import LiveArguments
@@ -24,6 +31,11 @@ MIB: Final = 1 << 20
 
 def live(options: LiveArguments) -> int:
     """Estimate every epoch until measurements end; exit code 1 after missed deadlines, else 0."""
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+        return _answer_epochs(options, nowhere if prints_document() else sys.stdout)
+
+
+def _answer_epochs(options: LiveArguments, target: TextIO) -> int:
     from spinfilters.cli.interrupts import require_uninterrupted, until_interrupted
     from spinfilters.io.output_files import write_json
     from spinfilters.live.answer import AnswerWriter, CourseRecorder
@@ -32,9 +44,8 @@ def live(options: LiveArguments) -> int:
     from spinfilters.live.live_options import live_setup
     from spinfilters.live.sources import Replay, open_lines
     from spinfilters.run.readers import read_dataset
-    from spinfilters.settings.run_settings import Settings, read_settings
 
-    settings = read_settings(Path(options.config)) if options.config else Settings()
+    settings = options.stated.read()
     dataset = read_dataset(options.dataset, None)
     lines = None if options.input is None else open_lines(options.input, dataset.log.sensors)
     setup = live_setup(dataset, settings, options.filter)
@@ -45,7 +56,7 @@ def live(options: LiveArguments) -> int:
     if options.summary:  # a place that cannot be written is said now, not when the run is over
         write_json(Path(options.summary), executive.summary.document())
     course = CourseRecorder(executive.summary.deadline)
-    writer = AnswerWriter(options.format, sys.stdout)
+    writer = AnswerWriter(options.format, target)
     last = None
     try:
         with ExitStack() as stack:
@@ -75,7 +86,9 @@ def live(options: LiveArguments) -> int:
     executive.summary.events.update(source.losses)
     if writer.dropped:
         executive.summary.events["answer not read"] += writer.dropped
-    print(executive.summary.text(), file=sys.stderr)
+    if prints_text():
+        print(executive.summary.text(), file=sys.stderr)
+    print_document(executive.summary.document())
     if options.summary:
         _write_summary(Path(options.summary), executive, course)
     return 1 if executive.summary.missed else 0
@@ -94,7 +107,8 @@ def _write_summary(path: Path, executive: "Executive", course: "CourseRecorder")
 
     write_json(path, executive.summary.document())
     picture = path.with_name(path.name.removesuffix(".json") + ".png")
-    draw_figure(lambda: live_figure(course.course()), picture)
+    if draws_figures():
+        draw_figure(lambda: live_figure(course.course()), picture)
 
 
 def _live_options(options: LiveArguments, settings: "Settings") -> "LiveOptions":
@@ -139,5 +153,6 @@ COMMAND = Command(
     live,
     "DATASET states sensors, noise, camera and the initialisation. Without --input its own measurements after that follow at their "
     "own pace; with it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing file. Answers go to standard "
-    "output, counts to standard error in the end.",
+    "output, counts to standard error in the end; with --json, the counts alone go to standard output.",
+    common=FigureOptions,
 )

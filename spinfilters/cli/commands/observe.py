@@ -1,16 +1,18 @@
 """The command ``observe``: what a sensor determines of a motion, with proof and bounds."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from spinfilters.api.arguments import ObserveArguments
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import FigureOptions, draw, draws_figures, print_document, print_json_file
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_fields import given_fields
-from spinfilters.io.stated_values import Argument, NumberRange
+from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
+from spinfilters.settings.settings_arguments import SettingsArguments
 
 if TYPE_CHECKING:
     from observability.analysis_report import Report
@@ -28,7 +30,7 @@ CAMERA_AXES: Final = (
 
 MODEL_OPTIONS: Final = ("model", "output", "execute", "symbols", "solutions")
 """Options that a model's file goes with; all others are of a tumbling body."""
-RECORDING_OPTIONS: Final = ("recording", "segment", "config", "set", "output")
+RECORDING_OPTIONS: Final = ("recording", "segment", "stated", "output")
 """Options that a recording goes with; all others are of a motion that is asked for."""
 
 
@@ -102,21 +104,7 @@ class ObserveCommandArguments(ObserveArguments):
             metavar="FILE",
         ),
     ] = None
-    config: Annotated[
-        str | None,
-        Argument(
-            "TOML file with settings, as compare takes it: noise of [sensors], disturbances of [process], priors and gyro_bias_std "
-            "of [initialisation]",
-            metavar="FILE",
-        ),
-    ] = None
-    set: Annotated[
-        tuple[tuple[str], ...],
-        Argument(
-            "one such setting, such as sensors.pixel_std=0.3; may be repeated",
-            metavar="KEY=VALUE",
-        ),
-    ] = ()
+    stated: Annotated[SettingsArguments, ArgumentGroup()] = field(default_factory=SettingsArguments)
     study: Annotated[bool, Argument("maps of the bound against motion, duration, epochs, landmarks")] = False
 
 
@@ -141,10 +129,11 @@ def observe(options: ObserveCommandArguments) -> int:
         _observed(options) if options.recording is None else _observed_recording(options, options.recording)
     )
     with output_folder(folder, COMMAND.name) as place:
-        found.write(place)
+        found.write(place, draws_figures())
         if options.study:
             _write_study(found.report, options, place)
     wide_console().print(f"{found}\nwritten to {folder}", highlight=False, soft_wrap=True)
+    print_document(found.document)
     return 0
 
 
@@ -169,14 +158,15 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
         stated = stated_bound(document, name, path.parent, show)
         text = _write_model(found, stated, options, place)
     wide_console().print(f"{text}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
+    print_json_file(folder / "observability.json")
     return 0
 
 
 def _refuse_others(options: ObserveCommandArguments, known: tuple[str, ...], why: str) -> None:
     """InputError: an option that is given and not among those known."""
-    for field in given_fields(ObserveCommandArguments):
-        if field.path[0] not in known and reduce(getattr, field.path, options) != field.default:
-            raise InputError(f"{field.flag} {why}")
+    for each in given_fields(ObserveCommandArguments):
+        if each.path[0] not in known and reduce(getattr, each.path, options) != each.default:
+            raise InputError(f"{each.flag} {why}")
 
 
 def _observed_recording(options: ObserveCommandArguments, recording: str) -> "ObservabilityResult":
@@ -259,9 +249,10 @@ def _write_model(
         sections["Gain"] = f"<pre>{escape(chr(10).join(stated.gain_sentences))}</pre>"
     write_text(folder / "observe.txt", "\n".join(lines) + "\n")
     write_json(folder / "observability.json", document)
-    picture = folder / "observability.png"
-    draw_figure(lambda: model_figure(found, stated), picture)
-    sections["Picture"] = image(picture.read_bytes(), "ranks, unknowns, bounds and gains")
+    if draws_figures():
+        picture = folder / "observability.png"
+        draw_figure(lambda: model_figure(found, stated), picture)
+        sections["Picture"] = image(picture.read_bytes(), "ranks, unknowns, bounds and gains")
     write_text(folder / "observability.html", page(sections, f"Observability of {found.model.name}"))
     return "\n".join(lines)
 
@@ -293,12 +284,8 @@ def _observed(options: ObserveCommandArguments) -> "ObservabilityResult":
 
 def _settings(options: ObserveCommandArguments) -> "Settings | None":
     """Settings of the file and the keys; None where neither is given."""
-    if options.config is None and not options.set:
-        return None
-    from spinfilters.settings.run_settings import Settings, read_settings, with_keys
-
-    settings = Settings() if options.config is None else read_settings(Path(options.config))
-    return with_keys(settings, [text for (text,) in options.set])
+    stated = options.stated
+    return stated.read() if stated.file is not None or stated.set else None
 
 
 def _write_study(report: "Report", options: ObserveCommandArguments, folder: Path) -> None:
@@ -308,14 +295,13 @@ def _write_study(report: "Report", options: ObserveCommandArguments, folder: Pat
     from spinfilters.cli.console import progress_bars
     from spinfilters.io.output_files import write_json
     from spinfilters.plots.observability_figures import conditioning_figure, study_figure
-    from spinfilters.plots.style import save_figure
 
     case, motion = report.case, options.motion
     with progress_bars() as show:
         found = study(case, motion.epochs, motion.interval, lambda done, total: show("study", done, total))
     write_json(folder / "study.json", found.document())
-    save_figure(study_figure(found, title(case)), folder / "study.png")
-    save_figure(conditioning_figure(as_floats(case.motion.rate)), folder / "conditioning.png")
+    draw(lambda: study_figure(found, title(case)), folder / "study.png")
+    draw(lambda: conditioning_figure(as_floats(case.motion.rate)), folder / "conditioning.png")
 
 
-COMMAND = Command("observe", ObserveCommandArguments, observe)
+COMMAND = Command("observe", ObserveCommandArguments, observe, common=FigureOptions)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from spinfilters.cli.command import Command, Panels, PrintWidth
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument
 
@@ -49,6 +50,7 @@ def draw_again(options: PlotArguments) -> int:
         drawn += draw_optional_outputs(folder, figure_data.evaluations, figure_data.dataset.truth)
         write_run_report(figure_data, folder)
     wide_console().print(f"{len(drawn)} figures and the report in {folder}", highlight=False, soft_wrap=True)
+    print_document({"folder": str(folder), "figures": len(drawn)})
     return 0
 
 
@@ -69,6 +71,7 @@ def _print_figures(figure_data: "FigureData", options: PlotArguments, folder: Pa
                 write_bytes(place / file, content)
                 count += 1
     wide_console().print(f"{count} files in {folder}", highlight=False, soft_wrap=True)
+    print_document({"folder": str(folder), "files": count})
     return 0
 
 
@@ -78,4 +81,5 @@ COMMAND = Command(
     draw_again,
     "Without -o the figures and the report of the run are made again. With -o, figures are printed for a paper: as PDF, SVG or "
     "PNG, at a column's width. On demand each panel is a file; shared legends are files of their own.",
+    common=PrintingOptions,
 )

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from spinfilters.api.arguments import CampaignArguments
 from spinfilters.cli.command import Command, Panels, PrintWidth
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, NumberRange
 
@@ -71,19 +72,23 @@ def make_studies(options: ReadyStudyArguments) -> int:
             study = ready_study(name)
             found.add_row(name, str(len(study)), study.options.description)
         console.print(found)
+        print_document([{"name": name, "runs": len(ready_study(name))} for name in NAMES])
         return 0
     names = NAMES if "all" in options.names else tuple(dict.fromkeys(options.names))
     for name in names:
         study_file(name)  # refuses before anything is run
-    folder = Path(options.output)
+    folder, made = Path(options.output), {}
     for name in names:
         document = dict(ready_study(name).document)
         if options.seeds is not None:
             document["study"] = {**document["study"], "seeds": options.seeds}
-        rows_with_bar(document, folder / name, CampaignArguments(workers=options.workers, resume=True), name)
+        how = CampaignArguments(workers=options.workers, resume=True)
+        done = rows_with_bar(document, folder / name, how, name)
+        made[name] = {"done": done.done, "total": done.total, "without_result": done.faulty}
         console.print(f"{name}: look at {folder / name / PICTURE}", highlight=False, soft_wrap=True)
     page = write_comparison_page(folder, print_style=style)
     console.print(f"written to {folder}; look at {page}", highlight=False, soft_wrap=True)
+    print_document({"page": str(page), "studies": made})
     return 0
 
 
@@ -93,4 +98,5 @@ COMMAND = Command(
     make_studies,
     "Compares filters with smoothers over sensors, motions, rates, noise, lags, initial errors and iterations. One page says "
     "which of them to fly when, each number with its 95 % interval. An interrupted call goes on where it ended.",
+    common=PrintingOptions,
 )

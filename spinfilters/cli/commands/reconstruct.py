@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.io.stated_values import Argument, NumberRange
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ def reconstruct(options: ReconstructArguments) -> int:
         made = reconstruct_run(folder, images, options.voxels, report)
         write_run_report(read_figure_data(folder), folder)
     _print(made, folder)
+    print_document(made.document)
     return 0
 
 
@@ -71,4 +73,5 @@ COMMAND = Command(
     "Depth of every stereo pair, fused into one surface in principal axes by the motion that the run estimated. Writes "
     "RUN/reconstruction/model.ply, reconstruction.json (dimensions with standard deviations), reprojection.gif, and "
     "RUN/report.html with the model to turn.",
+    common=PrintingOptions,
 )

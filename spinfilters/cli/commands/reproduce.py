@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.io.stated_values import Argument
 
 
@@ -24,7 +25,7 @@ class ReproduceArguments:
         str, Argument("folder of the results; existing ones are kept", short="-o", metavar="FOLDER")
     ] = "runs/reproduce"
     again: Annotated[bool, Argument("make existing ones again")] = False
-    json: Annotated[
+    record: Annotated[
         str | None,
         Argument("also write a summary with date and hash of the code", metavar="FILE"),
     ] = None
@@ -48,6 +49,12 @@ def reproduce_items(options: ReproduceArguments) -> int:
         for item in ITEMS:
             table.add_row(item.name, f"{item.source}, {item.number}", item.title, f"{item.seconds:.0f} s")
         console.print(table)
+        print_document(
+            [
+                {"name": item.name, "source": item.source, "number": item.number, "title": item.title}
+                for item in ITEMS
+            ]
+        )
         return 0
     items, folder = chosen_items(options.names), Path(options.output)
 
@@ -58,12 +65,13 @@ def reproduce_items(options: ReproduceArguments) -> int:
             console.print(f"{item.name}: {done.agreement}{kept}", highlight=False)
 
     found = reproduce(items, folder, options.again, report)
-    if options.json is not None:
-        write_json(Path(options.json), record_of(found, datetime.now(UTC).isoformat(timespec="seconds")))
+    if options.record is not None:
+        write_json(Path(options.record), record_of(found, datetime.now(UTC).isoformat(timespec="seconds")))
     documents = [each.document for each in found]
     console.print(f"items: {counted(documents)}", highlight=False)
     console.print(f"rows: {counted(row for each in documents for row in each['rows'])}", highlight=False)
     console.print(f"written to {folder}; look at {folder / PAGE_FILE}", highlight=False, soft_wrap=True)
+    print_document({each.name: {"agreement": each.agreement, **each.document} for each in found})
     return 2 if any(each.agreement == FAILED for each in found) else 0
 
 
@@ -73,4 +81,5 @@ COMMAND = Command(
     reproduce_items,
     "Makes the tables and figures with results of both theses from this package alone, and compares them with the printed ones. "
     "Existing items are kept, so an interrupted call continues where it ended.",
+    common=PrintingOptions,
 )

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, NumberRange
 
@@ -55,6 +56,15 @@ def print_rig(options: RigArguments) -> int:
     ]
     for line in lines:
         wide_console().print(line, highlight=False, soft_wrap=True)
+    print_document(
+        {
+            "by_column_m": found.by_column.tolist(),
+            "by_row_m": found.by_row.tolist(),
+            "std_m": found.std.tolist(),
+            "nearest_m": found.nearest,
+            "farthest_m": found.farthest,
+        }
+    )
     return 0
 
 
@@ -63,4 +73,5 @@ COMMAND = Command(
     RigArguments,
     print_rig,
     "Accuracy of triangulation half-way between the cameras' axes (Tweddle 2013, section 5.3); the defaults are the thesis' rig.",
+    common=PrintingOptions,
 )

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.io.stated_values import Argument, ArgumentGroup, ReadingOptions
 
 
@@ -40,6 +41,7 @@ def list_segments(options: SegmentsArguments) -> int:
         table.add_row(str(number), *cells, flight.evidence)
     console = wide_console()
     console.print(table)
+    print_document([{**vars(flight), "number": number} for number, flight in enumerate(flights, start=1)])
     marked = has_marks(options.dataset, options.reading)
     one = "its times" if marked else "its number or times"
     console.print(
@@ -58,4 +60,5 @@ COMMAND = Command(
     list_segments,
     "Finds free flight. In body rates, some inertia tensor conserves the angular momentum; in poses, some point of the body falls "
     "on a parabola. The inertia need not be known.",
+    common=PrintingOptions,
 )

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import FigureOptions, draw, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
 from spinfilters.simulation.scenario_record import IMAGE_KIND, Scenario
@@ -40,7 +41,6 @@ def simulate(options: SimulateArguments) -> int:
     from spinfilters.evaluation.estimated_motion import true_rates
     from spinfilters.io.dataset_folder import write_dataset
     from spinfilters.io.output_files import output_folder, refuse_foreign
-    from spinfilters.plots.style import save_figure
     from spinfilters.plots.time_courses import rates_figure
 
     folder, scenario = Path(options.output), options.scenario
@@ -53,19 +53,34 @@ def simulate(options: SimulateArguments) -> int:
         dataset = simulated_dataset(
             scenario, options.known_map, lambda done, total: report("motion", done, total)
         )
-    assert dataset.truth is not None
+    truth = dataset.truth
+    assert truth is not None
     with output_folder(folder, COMMAND.name) as place:
         write_dataset(dataset, place)
-        save_figure(rates_figure([true_rates(dataset.truth)]), place / "truth.png")
+        draw(lambda: rates_figure([true_rates(truth)]), place / "truth.png")
     wide_console().print(_sentence(dataset, folder, scenario.epochs), highlight=False, soft_wrap=True)
+    print_document(
+        {
+            "dataset": str(folder),
+            "description": dataset.description,
+            "measurements": {stream.sensor: len(stream) for stream in dataset.log.streams},
+            "epochs_in_view": _epochs_in_view(dataset),
+            "epochs": scenario.epochs,
+        }
+    )
     return 0
 
 
 def _sentence(dataset: "Dataset", folder: Path, frames: int) -> str:
     """Written files, and the number of epochs without observations, in words."""
-    count, epochs = sum(map(len, dataset.log.streams)), len(set(dataset.log.streams[0].time.tolist()))
+    count, epochs = sum(map(len, dataset.log.streams)), _epochs_in_view(dataset)
     lost = "" if epochs == frames else f"; the body is in view in {epochs} of {frames} epochs"
     return f"{dataset.description}: {count} measurements in {folder}{lost}"
+
+
+def _epochs_in_view(dataset: "Dataset") -> int:
+    """Number of epochs in which the first sensor measures."""
+    return len(set(dataset.log.streams[0].time.tolist()))
 
 
 def _simulate_images(options: SimulateArguments, folder: Path) -> int:
@@ -87,7 +102,8 @@ def _simulate_images(options: SimulateArguments, folder: Path) -> int:
     with progress_bars() as report, output_folder(folder, COMMAND.name) as place:
         description = render(images, place, lambda done, total: report("images", done, total))
     wide_console().print(f"{description}: in {folder}", highlight=False, soft_wrap=True)
+    print_document({"dataset": str(folder), "description": description, "epochs": scenario.epochs})
     return 0
 
 
-COMMAND = Command("simulate", SimulateArguments, simulate)
+COMMAND = Command("simulate", SimulateArguments, simulate, common=FigureOptions)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_json_file
 from spinfilters.io.stated_values import Argument, NumberRange
 
 
@@ -30,7 +31,7 @@ def calibrate_by_simulation(options: CalibrationArguments) -> int:
     """Make the draws that the folder lacks, then write its report."""
     from spinfilters.campaigns.calibration_draws import drawn_scenario, made_draws
     from spinfilters.campaigns.calibration_folder import CalibrationStudy, add_draw, claim_folder, read_draws
-    from spinfilters.campaigns.calibration_report import PAGE_FILE, write_report
+    from spinfilters.campaigns.calibration_report import PAGE_FILE, RESULT_FILE, write_report
     from spinfilters.cli.campaign_progress import interruption
     from spinfilters.cli.console import progress_bars, wide_console
     from spinfilters.cli.interrupts import require_uninterrupted
@@ -65,6 +66,7 @@ def calibrate_by_simulation(options: CalibrationArguments) -> int:
     if is_interrupted:
         raise interruption(f"{len(draws)} of {total} draws", folder)
     console.print(f"written to {folder / PAGE_FILE}", highlight=False, soft_wrap=True)
+    print_json_file(folder / RESULT_FILE)
     return 0
 
 
@@ -74,4 +76,5 @@ COMMAND = Command(
     calibrate_by_simulation,
     "Simulates recordings from a stated prior, and tests whether the truth lies in what estimators state as often as it should: "
     "ranks with their band, coverage, scores, and the verdict as a classifier. An interrupted call goes on where it ended.",
+    common=PrintingOptions,
 )

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import FigureOptions, draw, print_document
 from spinfilters.io.stated_values import Argument, NumberRange
 
 if TYPE_CHECKING:
@@ -65,7 +66,6 @@ def threshold(options: ThresholdArguments) -> int:
     from spinfilters.core.spin_threshold import spin_threshold
     from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
     from spinfilters.plots.free_rotation import spin_threshold_figure
-    from spinfilters.plots.style import save_figure
 
     folder, mission = Path(options.output), mission_of(options)
     refuse_foreign(folder, COMMAND.name)
@@ -86,9 +86,10 @@ def threshold(options: ThresholdArguments) -> int:
     }
     with output_folder(folder, COMMAND.name) as place:
         write_text(place / "threshold.csv", _table(mission))
-        save_figure(spin_threshold_figure({_name(options): mission}, rates), place / "threshold.png")
+        draw(lambda: spin_threshold_figure({_name(options): mission}, rates), place / "threshold.png")
         write_json(place / "threshold.json", document)
     wide_console().print("\n".join([*sentences, f"written to {folder}"]), highlight=False, soft_wrap=True)
+    print_document(document)
     return 0
 
 
@@ -152,4 +153,5 @@ COMMAND = Command(
     threshold,
     "An inspector that keeps station over a point of a rotating target flies a circle (Tweddle 2013, section 1.2). The target "
     "tumbles while thrust and propellant suffice for that; otherwise it spins, and its rate must be estimated.",
+    common=FigureOptions,
 )

@@ -3,14 +3,16 @@
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
 from spinfilters.io.stated_values import Argument
 
 if TYPE_CHECKING:
+    from spinfilters.run.estimation import Progress
     from spinfilters.vision.track_images import TrackedImages
 
 
@@ -30,6 +32,24 @@ class TrackArguments:
 def track(options: TrackArguments) -> int:
     """Write the tracks of a folder of stereo images, and counts of losses."""
     from spinfilters.cli.console import progress_bars
+
+    with progress_bars() as report:
+        report("reading", 0, 1)
+        done = _track(options, report)
+    _print(*done)
+    print_document({**done.tracked.document, "seconds": done.seconds})
+    return 0
+
+
+class _Tracking(NamedTuple):
+    """What was tracked, where it was written, and how long it took, s."""
+
+    tracked: "TrackedImages"
+    folder: Path
+    seconds: float
+
+
+def _track(options: TrackArguments, report: "Progress") -> _Tracking:
     from spinfilters.io.dataset_folder import write_dataset
     from spinfilters.io.dataset_reader import has_images
     from spinfilters.io.output_files import output_folder, refuse_foreign, write_json
@@ -45,16 +65,14 @@ def track(options: TrackArguments) -> int:
     refuse_foreign(folder, COMMAND.name)
     detector(options.detector)
     follow, began = track_images_online if options.online else track_images, time.perf_counter()
-    with progress_bars() as report:
-        tracked = follow(source, FrontEndOptions(options.detector), report)
+    tracked = follow(source, FrontEndOptions(options.detector), report)
     seconds = time.perf_counter() - began
     with output_folder(folder, COMMAND.name) as place:
         write_dataset(replace(tracked.dataset, path=None), place)
         write_json(place / "front_end.json", {**tracked.document, "seconds": seconds})
         if options.figures:
             _draw(source, tracked, place / "matches.png")
-    _print(tracked, folder, seconds)
-    return 0
+    return _Tracking(tracked, folder, seconds)
 
 
 def _draw(source: Path, tracked: "TrackedImages", path: Path) -> None:
@@ -91,4 +109,5 @@ COMMAND = Command(
     "Reads stereo images in the EuRoC layout (cam0/data, cam0/data.csv, cam0/sensor.yaml; cam1), finds landmarks and follows them "
     "through all revolutions. The result is a data set of stereo tracks with a covariance per row, for compare. The file "
     "front_end.json lists losses by stage and cause. Images can also be given to compare directly.",
+    common=PrintingOptions,
 )

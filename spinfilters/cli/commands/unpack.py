@@ -1,13 +1,13 @@
 """The command ``unpack``: images and point clouds of bags, and videos of a stereo pair, as data sets."""
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document, prints_text
 from spinfilters.core.errors import InputError
-from spinfilters.io.input_file import path_text, printable
+from spinfilters.io.input_file import printable
 from spinfilters.io.stated_values import Argument, NumberRange
 
 
@@ -45,6 +45,7 @@ class UnpackArguments:
 def unpack(options: UnpackArguments) -> int:
     """Write the data set."""
     from spinfilters.io.output_files import output_folder, refuse_foreign
+    from spinfilters.run.bag_recording import BagTopics, chosen_topics, copy_rig, unpack_bag
     from spinfilters.vision.unpacked_images import VIDEO_SUFFIXES, unpack_videos
 
     source, folder = Path(options.source), Path(options.output)
@@ -60,49 +61,17 @@ def unpack(options: UnpackArguments) -> int:
             found = unpack_videos(paths, options.rate, place)
             said = f"{found.pairs} pairs of images"
         else:
-            said = _unpack_bag(source, options.topic, place)
+            found = BagTopics.of(source)
+            said = unpack_bag(source, chosen_topics(source, found, options.topic), place, found)
         if options.rig is not None:
-            _copy_rig(Path(options.rig), place)
+            copy_rig(Path(options.rig), place)
+    print_document({"dataset": str(folder), "written": said.rstrip(",")})
+    if not prints_text():
+        return 0
     print(f"{said} in {printable(str(folder))}")
-    if options.rig is None and (folder / "cam0").is_dir():
+    if (folder / "cam0").is_dir() and not list(folder.glob("cam0/*.yaml")):
         print("no calibration yet: write cam0/sensor.yaml and cam1/sensor.yaml there (spinfilters calibrate)")
     return 0
-
-
-def _unpack_bag(source: Path, topics: tuple[str, ...], place: Path) -> str:
-    from spinfilters.io.output_files import write_toml
-    from spinfilters.io.ros_bag import bag_topics
-    from spinfilters.lidar.unpacked_clouds import CLOUD_TYPE, unpack_bag_clouds
-    from spinfilters.vision.unpacked_images import IMAGE_TYPES, unpack_bag_images
-
-    images, clouds = bag_topics(source, IMAGE_TYPES), bag_topics(source, (CLOUD_TYPE,))
-    chosen = topics or (tuple(images) if images else tuple(clouds))
-    listed = ", ".join(printable(each) for each in (*images, *clouds)[:8]) or "no images and no clouds"
-    if len(chosen) == 2 and set(chosen) <= set(images):
-        found = unpack_bag_images(source, chosen, place)
-        alone = f" ({found.alone} without a partner)" if found.alone else ""
-        return f"{found.pairs} pairs of images, left {printable(chosen[0])}, right {printable(chosen[1])}{alone},"
-    if len(chosen) == 1 and chosen[0] in clouds:
-        count = unpack_bag_clouds(source, chosen[0], place)
-        write_toml(
-            place / "dataset.toml",
-            {"kind": "lidar-scans", "description": f"clouds of {printable(source.name)}"},
-        )
-        return f"{count} scans"
-    raise InputError(
-        f"{path_text(source)}: has {listed}; give --topic with two of images, left first, or one of clouds"
-    )
-
-
-def _copy_rig(rig: Path, place: Path) -> None:
-    for camera in ("cam0", "cam1"):
-        file = rig / camera / "sensor.yaml"
-        if not file.is_file():
-            raise InputError(
-                f"{path_text(file)}: no such file; give the folder that spinfilters calibrate wrote"
-            )
-        (place / camera).mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, place / camera / "sensor.yaml")
 
 
 COMMAND = Command(
@@ -111,4 +80,5 @@ COMMAND = Command(
     unpack,
     "Images become a folder for track and compare (cam0, cam1); point clouds one of kind lidar-scans. Of a bag with two image "
     "topics the first by name is the left camera, unless --topic says otherwise.",
+    common=PrintingOptions,
 )
