@@ -25,7 +25,7 @@ from spinfilters.core.mass_distribution import inertia_matrix
 from spinfilters.evaluation.recording_bound import landmarks_at
 from spinfilters.filters.timeline import SensorEpochs, by_sensor, times_of
 from spinfilters.inference.setup import Setup
-from spinfilters.io.argument_checks import called, checked_arguments, one_of, optional
+from spinfilters.io.argument_checks import called, checked_arguments, one_of, optional, truth
 from spinfilters.io.dataset import Dataset
 from spinfilters.models.camera_landmarks import MOVING
 from spinfilters.models.sensor_registry import sensor_of
@@ -52,7 +52,7 @@ NO_MOTION: Final = (
 
 @checked_arguments(
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
-    further=one_of(bool, cure="True or False"),
+    further=truth,
     settings=optional(SETTINGS_GIVEN),
     progress=called,
 )
