@@ -13,6 +13,7 @@ Cramer-Rao bound, with the disturbances that there are, puts each moment within 
 import argparse
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 from typing import Any, Final
@@ -73,7 +74,7 @@ def rows_of(seed: int, density: float, stated: bool) -> Iterator[dict[str, Any]]
     """A row of each estimator on the throw of a seed."""
     begin, scenario = process_time(), drawn(seed, density)
     recording = simulate(scenario)
-    dataset: Dataset = recording if stated else without_noise(recording)
+    dataset: Dataset = _with_densities(recording, density) if stated else without_noise(recording)
     settings = Settings(estimators=ESTIMATORS)
     head: dict[str, Any] = {"seed": seed, "epochs": scenario.epochs}
     try:
@@ -101,6 +102,11 @@ def rows_of(seed: int, density: float, stated: bool) -> Iterator[dict[str, Any]]
             },
             "seconds": process_time() - begin,
         }
+
+
+def _with_densities(recording: Dataset, density: float) -> Dataset:
+    """The recording with its true densities stated: a simulation does not state those of zero, which are identified then."""
+    return replace(recording, options=replace(recording.options, force_psd=density, torque_psd=density))
 
 
 def _moment_bound(setup: Setup, estimate: Evaluation) -> float | None:

@@ -13,6 +13,7 @@ Printed are, of the quantities that are said to hold,
 - the share of (run, quantity) beyond 4 in the last epoch, and at any of the run's own epochs, where some are by chance;
 
 of the quantities that are wrong (beyond 4 in the last epoch, or in more than a tenth of the epochs) how many are said to hold;
+of the estimates that are ok and have no fault how many have an epoch beyond 4, beside what chance explains;
 and of the degraded runs how often each quantity is said to hold among those in which it does (beyond 4 at no epoch).
 """
 
@@ -22,6 +23,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import erfc
 from pathlib import Path
 from time import process_time
 from typing import Any, Final
@@ -262,6 +264,7 @@ def lines_of(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
         "ok": [each for each in every if each.row["verdict"] == "ok"],
     }.items():
         yield from _held_lines(title, some)
+    yield from _chance_lines([row for row in rows if row["verdict"] == "ok" and not row["fault"]])
     wrong = [each for each in every if each.is_wrong]
     yield f"wrong: {len(wrong)} of {len(every)}, of these said to hold {sum(each.is_held for each in wrong)}"
     yield from (f"  {each.text}" for each in wrong if each.is_held)
@@ -282,6 +285,24 @@ def lines_of(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     alarms = Counter(c.split(":")[0] for row in right for c in row.get("checks", ()))
     yield f"of {len(right)} estimates of right recordings, checks that failed: {dict(alarms.most_common())}"
     yield f"of all degraded estimates: {dict(Counter(c.split(':')[0] for row in degraded for c in row['checks']).most_common())}"
+
+
+def _chance_lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Estimates that are ok and have no fault: how many have an epoch beyond the limit, and how many chance explains at most.
+
+    The limit is exceeded by each of a quantity's three components with the probability of a normal error. Errors of neighbouring
+    epochs are correlated, so that fewer estimates have an epoch beyond it than with independent ones.
+    """
+    if not rows:
+        return
+    values = np.array([3 * sum(own["epochs"] for own in row["quantities"].values()) for row in rows])
+    beyond = [any(own["beyond"] for own in row["quantities"].values()) for row in rows]
+    expected = values * erfc(LARGEST_STATED_ERROR / np.sqrt(2))
+    yield (
+        f"ok without fault: {sum(beyond)} of {len(rows)} estimates have an epoch beyond {LARGEST_STATED_ERROR:g} "
+        f"{np.mean(beyond):.1%}; of normal errors {np.mean(expected):.3f} values each and "
+        f"at most {np.mean(-np.expm1(-expected)):.1%} of the estimates, {np.mean(values):.0f} values each"
+    )
 
 
 def _held_lines(title: str, every: Sequence[JudgedQuantity]) -> Iterator[str]:

@@ -21,6 +21,9 @@ ATTITUDE: Final = BLOCK_NAMES["a"]
 CELL: Final = 12
 """Letters of a line in a column's heading."""
 
+PARTIAL: Final = (
+    "(2 of 3): directions determined, along which the bound holds; only the prior tells the others."
+)
 OTHER_AXES: Final = "*: in other axes than without the sensor, which fixes frame g by its own; not compared."
 
 
@@ -129,6 +132,24 @@ class FurtherSensor:
         }
 
 
+def is_partial(sensors: SensorSet, quantity: Quantity) -> bool:
+    """Whether the set determines some directions of a quantity and leaves others to the prior."""
+    each = sensors.bounds.get(quantity)
+    return (
+        each is not None
+        and sensors.std(quantity) is not None
+        and sensors.determined(quantity) < each.dimension
+    )
+
+
+def is_in_other_axes(sensors: SensorSet, added: FurtherSensor | None, quantity: Quantity) -> bool:
+    """Whether a quantity is determined without and with an added sensor, but in axes of g that differ."""
+    if added is None or sensors.bounds.get(quantity) is None or sensors.std(quantity) is None:
+        return False
+    alike = added.before.determined(quantity) == sensors.determined(quantity)
+    return alike and not added.is_comparable(quantity)
+
+
 @dataclass(frozen=True, repr=False)
 class FurtherSensors:
     """Every further sensor that the analyser knows, beside a stated set; printed, it is a table.
@@ -165,14 +186,19 @@ class FurtherSensors:
             "The gain is the bound without over the bound with the sensor; the mean is geometric.",
             *self._table(),
         ]
-        cells = " ".join(lines[1:])
-        if "of 3)" in cells or "of 2)" in cells:
-            lines.append(
-                "(2 of 3): directions determined, along which the bound holds; only the prior tells the others."
-            )
-        if "*" in cells:
+        sets = (self.stated, *(each.after for each in self.sensors))
+        if any(is_partial(each, name) for each in sets for name in self.quantities):
+            lines.append(PARTIAL)
+        if self.in_other_axes:
             lines.append(OTHER_AXES)
         return [*lines, *self._refusals]
+
+    @property
+    def in_other_axes(self) -> bool:
+        """Whether a sensor changes the axes of g in which a quantity is determined."""
+        return any(
+            is_in_other_axes(each.after, each, name) for each in self.sensors for name in self.quantities
+        )
 
     @property
     def _refusals(self) -> list[str]:
@@ -225,12 +251,13 @@ class FurtherSensors:
         each = sensors.bounds.get(quantity)
         if each is None:
             return "-"
-        std, count = sensors.std(quantity), sensors.determined(quantity)
+        std = sensors.std(quantity)
         if std is None:
             return "prior"
-        told = f"{std:.3g}" if count == each.dimension else f"{std:.3g} ({count} of {each.dimension})"
-        both = added is not None and added.before.determined(quantity) == count
-        return f"{told} *" if added is not None and both and not added.is_comparable(quantity) else told
+        part = (
+            f" ({sensors.determined(quantity)} of {each.dimension})" if is_partial(sensors, quantity) else ""
+        )
+        return f"{std:.3g}{part}{' *' if is_in_other_axes(sensors, added, quantity) else ''}"
 
     def document(self) -> dict[str, Any]:
         """For JSON."""

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import casadi as ca
-import platformdirs
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.shipped_libraries import NATIVE, has_libraries, processor, shipped_library
+from spinfilters.core.user_cache import cache_folder
 from spinfilters.core.working_time import building
 
 OWN_FOLDER, OWN_FILE = 0o700, 0o600
@@ -31,18 +31,6 @@ UNFINISHED: Final = "building-"
 """How folders of builds in progress begin."""
 ABANDONED: Final = 3600.0
 """Age from which a build in progress has been killed, s: none is allowed more than a few minutes."""
-
-
-def cache_folder() -> Path | None:
-    """Folder of compiled libraries: ``$SPINFILTERS_CACHE`` or the user's cache folder; None for a user without a home."""
-    chosen = os.environ.get("SPINFILTERS_CACHE")
-    if chosen:
-        return Path(os.path.abspath(chosen))
-    try:
-        folder = Path(platformdirs.user_cache_dir("spinfilters"))
-    except RuntimeError:
-        return None
-    return folder if folder.is_absolute() else None
 
 
 def private_folder() -> Path:

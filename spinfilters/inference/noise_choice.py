@@ -2,6 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
 
 from spinfilters.filters.noise_levels import (
     DISTURBANCES,
@@ -53,7 +56,27 @@ def disturbances(dataset: Dataset, unknown: MeasurementStream | None) -> Process
     force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
     if torque_psd is None and unknown is not None:
         torque_psd = disturbance_psd(unknown)
-    return ProcessNoise(force_psd or THESIS_NOISE.force_psd, torque_psd or THESIS_NOISE.torque_psd)
+    return ProcessNoise(
+        THESIS_NOISE.force_psd if force_psd is None else force_psd,
+        THESIS_NOISE.torque_psd if torque_psd is None else torque_psd,
+    )
+
+
+LEAST_STEP: Final = 1e-9
+"""Deviation of position (m) and attitude (rad) that a density stated as zero adds in an interval. The covariance of a step must not
+be singular; with ten times less, throws at 300 epochs a second fail by rounding."""
+
+
+def least_density(log: MeasurementLog) -> float:
+    """Density in place of one that is stated as zero: variance q h^3 / 3 of a median interval h is that of `LEAST_STEP`."""
+    time = np.unique(np.concatenate([stream.time for stream in log.streams]))
+    return 3 * LEAST_STEP**2 / float(np.median(np.diff(time))) ** 3 if len(time) > 1 else LEAST_STEP**2
+
+
+def _regular(noise: ProcessNoise, log: MeasurementLog) -> ProcessNoise:
+    """Densities without zeros."""
+    least = least_density(log)
+    return ProcessNoise(noise.force_psd or least, noise.torque_psd or least)
 
 
 def log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
@@ -155,7 +178,8 @@ def stated_models(
     """Process and noise of a data set whose log has the noise of the settings (`log_with_noise`)."""
     unknown = sensor_of_unknown_noise(log, dataset, settings)
     automatic = disturbances(dataset, unknown)
-    process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
+    densities = _regular(settings.process.noise(automatic), log)
+    process = TorqueFreeProcess(layout, densities, settings.process.tolerance)
     for stream in log.streams:
         rates = sensor_of(stream.sensor).measured_rates(stream)
         if rates is not None:

@@ -77,9 +77,10 @@ class Setup:
 
     @property
     def initial_runtime(self) -> Float[np.ndarray, " k"]:
-        """Working time of every epoch of the initialisation, s: an equal share of its whole."""
-        count = len(self.initial.mean)
-        return np.full(count, self.initial_seconds / count)
+        """Working time of every epoch of the initialisation, s: all of it in the last, because none is estimated before."""
+        runtime = np.zeros(len(self.initial.mean))
+        runtime[-1] = self.initial_seconds
+        return runtime
 
     @property
     def initial_arrays(self) -> dict[str, np.ndarray]:

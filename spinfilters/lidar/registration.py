@@ -23,6 +23,8 @@ REACHED: Final = 1.5
 """Largest distance from a point of the surface to the next of a cloud, in distances between these."""
 FACING: Final = 0.5
 """Cosine of the angle between two normals that may belong together, at least."""
+ADMITTED: Final = 0.3
+"""Residual that counts whatever the deviation while matches come nearer, in terms of their largest distance."""
 _ITERATIONS, _COARSE, _COARSE_ITERATIONS = 40, 400, 12
 _TRIMMED = 3.0  # robust standard deviations of a residual beyond which it has no weight
 _SETTLED = 1e-9
@@ -110,12 +112,18 @@ def registered(
 def refined_pose(
     source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], reach: float
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Pose by point-to-plane iterated closest points, whose matches come nearer from step to step (Chen and Medioni 1992)."""
+    """Pose by point-to-plane iterated closest points, whose matches come nearer from step to step (Chen and Medioni 1992).
+
+    While they do, residuals of a share of their distance count whatever the deviation: where most points lie on one panel without
+    noise, that is rounding, and no other point would tell what the panel leaves open.
+    """
+    is_near = False
 
     def match(placement: Placement) -> StepEquations | None:
-        nonlocal reach
-        matches = closest_points(source, target, *placement, reach)
-        reach = max(reach * 0.8, 6 * matches.std, target.least_reach)
+        nonlocal reach, is_near
+        matches = closest_points(source, target, *placement, reach, 0.0 if is_near else ADMITTED * reach)
+        nearer = max(reach * 0.8, 6 * matches.std, target.least_reach)
+        reach, is_near = nearer, nearer >= reach
         return matches.equations(placement[1]) if len(matches.rows) >= 6 else None
 
     settled = _SETTLED * max(1.0, target.size)
@@ -123,7 +131,7 @@ def refined_pose(
         (R, t),
         match,
         move_placement,
-        lambda step, _: bool(np.abs(step).max() < settled),
+        lambda step, _: is_near and bool(np.abs(step).max() < settled),
         _ITERATIONS,
         lambda H: 1e-9 * np.trace(H),
     ).state
@@ -147,12 +155,17 @@ class ScanMatches:
 
 
 def closest_points(
-    source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], reach: float
+    source: Cloud,
+    target: Cloud,
+    R: Float[np.ndarray, "3 3"],
+    t: Float[np.ndarray, "3"],
+    reach: float,
+    admitted: float = 0.0,
 ) -> ScanMatches:
     """Moved points of the source with the nearest of the target.
 
     Those within ``reach`` m that face alike.
-    Residuals beyond three robust standard deviations are left out.
+    Residuals beyond three robust standard deviations, and beyond ``admitted`` m, are left out.
     """
     moved = source.points @ R.T + t
     distance, index = target.tree.query(moved, distance_upper_bound=reach)
@@ -163,7 +176,7 @@ def closest_points(
     normals = target.normals[index]
     residual = np.einsum("ni,ni->n", moved[rows] - target.points[index], normals)
     std = median_deviation(residual) if len(residual) else 0.0
-    kept = np.abs(residual) <= _TRIMMED * std + 1e-12
+    kept = np.abs(residual) <= max(_TRIMMED * std + 1e-12, admitted)
     return ScanMatches(rows[kept], index[kept], moved[rows[kept]], normals[kept], residual[kept], std)
 
 

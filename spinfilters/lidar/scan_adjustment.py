@@ -40,6 +40,7 @@ from spinfilters.lidar.registration import (
     registered,
 )
 from spinfilters.lidar.scan_pose import (
+    LEAST_DEPARTURE,
     ROTATION_PRIOR,
     ScanPose,
     angles_from,
@@ -377,6 +378,8 @@ WIDEST_TURN: Final = 1.8
 SMALLEST: Final = 1e-9
 """Size of a body that can be registered, in distances, at least."""
 SURE_OVERLAP: Final = 0.5
+FIRST_PAIRS: Final = 12
+"""Pairs of scans from the first on, of which one that is sure begins the registration."""
 _REACH = 0.25  # of the body's size: how far a prediction may be wrong
 
 
@@ -407,13 +410,52 @@ def match_scans(
     size = max(cloud.size for cloud in clouds)
     if not size > SMALLEST * float(np.linalg.norm(middle - eye)):
         raise InputError("the points of every scan lie in one place; give scans that resolve the body")
-    poses = [ScanPose(times[0], np.eye(3), middle, np.zeros((6, 6)), matched=len(clouds[0].points))]
-    for k in range(1, len(clouds)):
-        poses.append(_next_pose(clouds, poses, times[k], size))
-    return adjusted_scans(clouds, poses, size, 0.3 * _REACH * size)
+    first = _first_sure_scan(clouds, size)
+    poses = [ScanPose(times[first], np.eye(3), middle, np.zeros((6, 6)), matched=len(clouds[first].points))]
+    for time in times[first + 1 :]:
+        poses.append(_next_pose(clouds[first:], poses, time, size))
+    # then from the last scan backwards to those before the first one
+    poses, backwards = poses[::-1], clouds[::-1]
+    for time in reversed(times[:first]):
+        poses.append(_next_pose(backwards, poses, time, size))
+    return adjusted_scans(clouds, _in_frame_of_first(poses[::-1], middle), size, 0.3 * _REACH * size)
 
 
-def _next_pose(clouds: list[Cloud], poses: list[ScanPose], time: float, size: float) -> ScanPose:
+def _first_sure_scan(clouds: Sequence[Cloud], size: float) -> int:
+    """The scan from which all others are registered: the first whose pose to the next one is sure.
+
+    It is where refining from rest and a search over rotations end in one pose, in which both scans share most of their surface. A
+    thin side that is seen alone shares hardly a surface with the next scan, and a symmetric one fits in several attitudes: a wrong
+    first rotation predicts wrong ones for all others. The first scan, where none of the first `FIRST_PAIRS` pairs is sure.
+    """
+    for k in range(min(len(clouds) - 1, FIRST_PAIRS)):
+        near, searched = _first_registrations(clouds[k + 1], clouds[k], np.eye(3), np.zeros(3), size)
+        apart = _turn_between(near.rotation, searched.rotation)
+        if apart < LEAST_DEPARTURE and min(near.overlap, searched.overlap) >= SURE_OVERLAP:
+            return k
+    return 0
+
+
+def _first_registrations(
+    source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], size: float
+) -> tuple[Registration, Registration]:
+    """Registration from a start p_target = R p + t, and from the best of many rotations about it."""
+    start = coarse_pose(source, target, R, WIDEST_TURN)
+    return registered(source, target, R, t, _REACH * size), registered(source, target, *start, _REACH * size)
+
+
+def _in_frame_of_first(poses: Sequence[ScanPose], middle: Float[np.ndarray, "3"]) -> list[ScanPose]:
+    """Poses of the frame g with the lidar's axes at the first scan, and its origin at ``middle`` there."""
+    turn, shift = poses[0].rotation.T, middle - poses[0].translation
+    return [
+        replace(
+            pose, rotation=pose.rotation @ turn, translation=pose.translation + pose.rotation @ turn @ shift
+        )
+        for pose in poses
+    ]
+
+
+def _next_pose(clouds: Sequence[Cloud], poses: list[ScanPose], time: float, size: float) -> ScanPose:
     """The pose of the next scan: registered from the prediction, or searched where that leads to little overlap.
 
     Symmetric bodies fit in several attitudes. Of those the motion explains one, and what it does not explain is left out: the scan
@@ -422,11 +464,10 @@ def _next_pose(clouds: list[Cloud], poses: list[ScanPose], time: float, size: fl
     number = len(poses)
     R, t = predicted_pose(poses, time, size)
     target = _scan_matching_map(clouds, poses, R, list(range(number)))
-    found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size)
     if number == 1:
-        start = coarse_pose(clouds[number], target, R.T, WIDEST_TURN)
-        other = registered(clouds[number], target, *start, _REACH * size)
-        return _scan_pose_of(max(found, other, key=_fit_quality), time, size)
+        both = _first_registrations(clouds[number], target, R.T, -R.T @ t, size)
+        return _scan_pose_of(max(both, key=_fit_quality), time, size)
+    found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size)
     widest = largest_departure(poses, time)
     if found.overlap < SURE_OVERLAP:
         start = coarse_pose(clouds[number], target, R.T, widest)
@@ -450,7 +491,7 @@ def _turn_between(R: Float[np.ndarray, "3 3"], Q: Float[np.ndarray, "3 3"]) -> f
 
 
 def _scan_matching_map(
-    clouds: list[Cloud], poses: list[ScanPose], R: Float[np.ndarray, "3 3"], among: list[int]
+    clouds: Sequence[Cloud], poses: list[ScanPose], R: Float[np.ndarray, "3 3"], among: list[int]
 ) -> Cloud:
     """Points in g of the scans seen from the directions most like that of a pose."""
     order = np.argsort(angles_from([poses[k] for k in among], R), kind="stable")

@@ -180,7 +180,7 @@ def rates_of_steps(poses: Sequence[ScanPose]) -> Float[np.ndarray, "n 3"] | None
 
     A rotation that one of the two scans does not determine is bridged so. None where too few steps are determined.
     """
-    sure = [k > 0 and _rotation_std(pose) < SURE for k, pose in enumerate(poses)]
+    sure = [k > 0 and rotation_std(pose) < SURE for k, pose in enumerate(poses)]
     known = np.array([k for k in range(1, len(poses) - 1) if sure[k] and sure[k + 1]], dtype=int)
     if len(known) < RATE_STEPS:
         return None
@@ -216,7 +216,7 @@ def largest_departure(poses: Sequence[ScanPose], time: float) -> float:
     recent = poses[-MOST_SCANS:]
     if len(recent) < 2:
         return np.pi
-    turn = float(np.linalg.norm(_mean_rate(recent))) * (time - recent[-1].time)
+    turn = float(np.linalg.norm(_mean_rate(recent))) * abs(time - recent[-1].time)
     return LEAST_DEPARTURE + turn * (0.5 if len(recent) < FEW_STEPS else min(CHANGE * (1.0 + turn), 0.5))
 
 
@@ -263,7 +263,7 @@ def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.nd
     Its coefficients over the angle turned are CHANGE / j! to a standard deviation for j > 1: noise leaves a constant rate.
     """
     time = poses[number].time
-    sure = [pose for k, pose in enumerate(poses) if k != number and _rotation_std(pose) < SURE]
+    sure = [pose for k, pose in enumerate(poses) if k != number and rotation_std(pose) < SURE]
     near = sorted(sure, key=lambda pose: abs(pose.time - time))[:NEIGHBOURS]
     if len(near) < 2:
         return poses[number].rotation
@@ -271,7 +271,7 @@ def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.nd
     near = [pose for pose, vector in zip(near, vectors, strict=True) if np.linalg.norm(vector) < WIDEST]
     vectors = vectors[np.linalg.norm(vectors, axis=1) < WIDEST]
     late = np.array([pose.time - time for pose in near])
-    stds = np.array([_rotation_std(pose) + 1e-12 for pose in near])
+    stds = np.array([rotation_std(pose) + 1e-12 for pose in near])
     line = np.linalg.lstsq(np.vander(late, 2) / stds[:, None], vectors / stds[:, None], rcond=None)[0]
     turns = late * float(np.linalg.norm(line[0])) + 1e-12 * np.sign(late)
     order = np.arange(_DEGREE + 1)
@@ -281,7 +281,7 @@ def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.nd
     return matrix_from_rotation_vector(np.linalg.lstsq(A, b, rcond=None)[0][0]) @ near[0].rotation
 
 
-def _rotation_std(pose: ScanPose) -> float:
+def rotation_std(pose: ScanPose) -> float:
     """Standard deviation of the least certain rotation, rad."""
     return float(np.sqrt(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1]))
 

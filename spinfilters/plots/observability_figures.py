@@ -107,7 +107,7 @@ def further_sensors_figure(found: FurtherSensors) -> Figure:
     bar = figure.colorbar(mesh, ax=axes, label="gain: bound without over with the sensor")
     for place in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
         place(FuncFormatter(lambda value, _: f"{value:.3g}"))
-    if any("*" in found.cell(each.after, each, name) for each in found.sensors for name in quantities):
+    if found.in_other_axes:
         figure.supxlabel(OTHER_AXES, fontsize="small", x=0.02, ha="left")
     return figure
 

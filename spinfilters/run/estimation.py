@@ -325,8 +325,9 @@ def _final_history(
 
 
 def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:
-    """Whether Ctrl-C ended it: it neither failed nor did all its epochs."""
-    return not history.has_failed and len(history.time) < epochs
+    """Whether Ctrl-C ended it: it did not fail, and did not do all its epochs or was told behind the last one."""
+    was_told = any(each.check == "interrupted" for each in history.status.findings)
+    return not history.has_failed and (was_told or len(history.time) < epochs)
 
 
 def _with_initialisation(history: EstimateHistory, record: GrowingHistory, setup: Setup) -> EstimateHistory:

@@ -264,10 +264,10 @@ def explanations_with_acceleration(setup: Setup, settings: Settings) -> list[Acc
     for k, widest in enumerate(stds):
         accelerated = _setup_or_none(setup, _with_gravity(settings, True, widest))
         cost = _cost(accelerated)
-        if accelerated is None or not np.isfinite(cost):
+        if accelerated is None or accelerated.initial.marginals is None or not np.isfinite(cost):
             continue
         start, found = accelerated.initial, []
-        assert start.marginals is not None  # a finite cost has been solved
+        assert start.marginals is not None
         wide = Gaussian(start.layout, start.mean[-1], start.marginals.factors[-1])
         for std in stds[k:]:
             belief, more = with_narrower_prior(wide, start.prior, CENTRE_OF_MASS.name, std)

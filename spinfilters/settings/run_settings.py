@@ -380,7 +380,8 @@ class ProcessSettings:
     Attributes
     ----------
     force_psd : float or "auto"
-        Density of the disturbing force, (m/s^2)^2/Hz.
+        Density of the disturbing force, (m/s^2)^2/Hz. 0, for none, is computed with a density that adds 1e-9 m or rad in
+        an interval; so of the torque.
     torque_psd : float or "auto"
         Density of the disturbing torque, (rad/s^2)^2/Hz. "auto" takes that of the data set, or identifies it
         (`spinfilters.inference.identified_noise`). For a gyro whose unknown error is correlated it follows from the rate, as found

@@ -120,6 +120,21 @@ def test_a_ctrl_c_that_a_finalizer_loses_is_pressed_again(
     assert "interrupted" in refusal(capsys, "compare")
 
 
+def test_a_ctrl_c_within_a_call_of_casadi_waits_for_its_end(default_interrupts: None) -> None:
+    """CasADi calls Python methods of arguments, as ``shape``, and drops what they raise."""
+    casadi = {"__name__": "casadi.casadi", "suppress": suppress, "returned": False}
+    exec(
+        "def call(method):\n  global returned\n  with suppress(BaseException):\n    method()\n  returned = True",
+        casadi,
+    )
+    with noted_interrupts() as pressed, suppress(KeyboardInterrupt):
+        casadi["call"](lambda: signal.raise_signal(signal.SIGINT))  # pyright: ignore[reportCallIssue]
+        time.sleep(5)
+        pytest.fail("nobody pressed again")
+    assert casadi["returned"]
+    assert len(pressed) == 2
+
+
 def test_a_lost_ctrl_c_does_no_harm_behind_the_command(default_interrupts: None) -> None:
     with noted_interrupts() as pressed:
         PressedInFinalizer()

@@ -204,7 +204,7 @@ def camera_bag(path: Path, topics: dict[str, str], infos: bool = True, count: in
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
+    types, told = store.types, set[str]()
     with Writer(path, version=9) as writer:
 
         def write(topic: str, kind: str, messages: list[Any]) -> None:
@@ -218,9 +218,11 @@ def camera_bag(path: Path, topics: dict[str, str], infos: bool = True, count: in
             if kind == "image":
                 made = [_image(types, each, GREY[side % 2, k], "mono8") for k, each in enumerate(stamps)]
                 write(topic, "sensor_msgs/msg/Image", made)
-                if infos:
+                camera = topic.rsplit("/", 1)[0]
+                if infos and camera not in told:
+                    told.add(camera)
                     info = [_camera_info(types, each, side) for each in stamps[:1]]
-                    write(f"{topic.rsplit('/', 1)[0]}/camera_info", "sensor_msgs/msg/CameraInfo", info)
+                    write(f"{camera}/camera_info", "sensor_msgs/msg/CameraInfo", info)
             elif kind == "cloud":
                 made = [_cloud(types, each, POINTS[k]) for k, each in enumerate(stamps)]
                 write(topic, "sensor_msgs/msg/PointCloud2", made)

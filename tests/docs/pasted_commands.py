@@ -93,6 +93,13 @@ def rewriting_of(command: str) -> Rewriting | None:
     return next((each for each in REWRITINGS if command.startswith(each.words)), None)
 
 
+def added_to(command: str, change: Rewriting | None) -> str:
+    """Arguments that a test adds to a command: a command that names its estimators keeps them."""
+    if change is None or change.added is None:
+        return ""
+    return change.added.replace(SMALL_RUN, "").strip() if "--estimators" in command else change.added
+
+
 def arguments_of(command: str) -> list[str]:
     """Arguments of a quoted command, with names in the place of placeholders and optional parts included."""
     words = shlex.split(command.replace("[", "").replace("]", ""))[1:]

@@ -10,6 +10,7 @@ import pytest
 from spinfilters.campaigns.calibration_report import DESCRIBED, is_outdated
 
 ROOT = Path(__file__).parents[2]
+RESULTS = sorted((ROOT / "docs").glob("calibration-*.json"))
 
 
 def last_change() -> date | None:
@@ -23,13 +24,21 @@ def last_change() -> date | None:
     return date.fromisoformat(done.stdout.strip()) if done.stdout.strip() else None
 
 
-def test_the_published_calibration_is_not_outdated() -> None:
+@pytest.mark.parametrize("path", RESULTS, ids=lambda path: path.stem)
+def test_a_published_calibration_is_not_outdated(path: Path) -> None:
     changed = last_change()
     if changed is None:
         pytest.skip("no history of the code")
-    result = json.loads((ROOT / "docs" / "calibration-gyro.json").read_text())
+    result = json.loads(path.read_text())
     assert result["commit"]
-    assert not is_outdated(result, changed), "run spinfilters calibration gyro again, and publish its result"
+    again = f"run spinfilters calibration {result['study']['sensor']} again, and publish its result"
+    assert not is_outdated(result, changed), again
+
+
+def test_each_published_calibration_is_on_the_page() -> None:
+    page = (ROOT / "docs" / "calibration.md").read_text()
+    assert RESULTS
+    assert all(f"({path.name})" in page and path.with_suffix(".png").is_file() for path in RESULTS)
 
 
 @pytest.mark.parametrize(("code", "outdated"), [("2027-05-28", False), ("2027-05-29", True)])

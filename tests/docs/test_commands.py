@@ -26,6 +26,7 @@ from tests.docs.pasted_commands import (
     MODULE,
     PAGES,
     REWRITINGS,
+    added_to,
     arguments_of,
     blocks_of,
     inline_of,
@@ -198,7 +199,7 @@ def _small(command: str) -> str | None:
         ("study motions rates noise initial-error", "study noise initial-error"),
     ):
         body = body.replace(old, new) if old else body
-    return f"{body} {'' if change is None else change.added}".strip() + tail
+    return f"{body} {added_to(body, change)}".strip() + tail
 
 
 def _run(command: str, place: Path) -> int:
@@ -246,6 +247,13 @@ def test_a_module_that_a_page_runs_exists() -> None:
     named = {module for page in PAGES for module in MODULE.findall(page.read_text())}
     assert len(named) > 10
     assert not {module for module in named if importlib.util.find_spec(module) is None}
+
+
+def test_a_command_that_names_its_estimators_runs_with_them() -> None:
+    naming = [command for page in PAGES for command in blocks_of(page) if "--estimators" in command]
+    assert any("posterior" in command for command in naming)
+    small = [small for command in naming if (small := _small(command)) is not None]
+    assert all(command.count("--estimators") == 1 for command in small), small
 
 
 def test_every_rewriting_serves_a_command_and_gives_its_reason() -> None:

@@ -42,6 +42,14 @@ def test_what_is_wrong_and_said_to_hold_is_counted_and_listed() -> None:
     assert text.count("run 1, mekf, gyro, rich, drag x 1") == 1
 
 
+def test_epochs_beyond_are_counted_beside_what_chance_explains() -> None:
+    """120 values exceed four deviations with 6.3e-5 each."""
+    rows = [row("ok", "ok", 1.0, 1), row("ok", "ok", 1.0, 0), row("ok", "ok", 1.0, 9, "drag")]
+    (line,) = (each for each in lines_of(rows) if each.startswith("ok without fault"))
+    assert "1 of 2 estimates have an epoch beyond 4 50.0%" in line
+    assert "normal errors 0.008 values each and at most 0.8%" in line
+
+
 def test_of_degraded_estimates_that_are_right_those_are_counted_that_hold() -> None:
     rows = [row("degraded", "doubtful", 1.0, 0), row("degraded", "ok", 1.0, 0)]
     (line,) = (each for each in lines_of(rows) if "degraded, rate" in each)

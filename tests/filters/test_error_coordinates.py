@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from spinfilters.core.attitude_conversions import multiply, quaternion_from_rotation_vector, rotate
+from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.error_coordinates import CoordinateName, ErrorCoordinates, InvariantOptions
 from spinfilters.filters.invariant_ekf import InvariantEkf
+from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 from tests.filters.filter_samples import FULL, PROCESS, START, embedded, nees, run_on
 
@@ -81,3 +83,10 @@ def test_the_filter_is_consistent_in_every_coordinates(name: CoordinateName) -> 
     history = run_on(InvariantEkf(PROCESS, options=InvariantOptions(name)), 1)
     assert len(history.time) == len(embedded(1).timeline) - START.epochs
     assert nees(history, 1).mean() / FULL.error_dim < 2.0
+
+
+def test_with_the_layouts_own_coordinates_it_is_the_mekf_without_iterated_updates() -> None:
+    own = run_on(InvariantEkf(PROCESS, options=InvariantOptions("mrp")), 1)
+    mekf = run_on(MultiplicativeEkf(PROCESS, iteration=IterationOptions(iterations=1)), 1)
+    np.testing.assert_allclose(own.mean, mekf.mean, atol=1e-10)
+    np.testing.assert_allclose(own.std, mekf.std, rtol=1e-8)

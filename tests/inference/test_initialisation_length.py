@@ -49,6 +49,12 @@ def test_a_rich_motion_keeps_its_sixty_epochs_and_tries_no_filter(
     assert not filter_diagnostics(setup)
 
 
+def test_an_initialisation_takes_its_time_in_its_last_epoch() -> None:
+    setup = prepare(simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM)), FILTERS)
+    assert setup.initial_runtime[-1] == setup.initial_seconds > 0
+    assert not setup.initial_runtime[:-1].any()
+
+
 def test_a_filter_from_a_well_known_motion_lies_at_the_smoother() -> None:
     dataset = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM))
     short, long = (

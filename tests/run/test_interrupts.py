@@ -13,6 +13,9 @@ from spinfilters.cli.main import main
 from spinfilters.filters import timeline as loop
 from spinfilters.inference import first_epochs as initialisation_length
 from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.verdict import agreement_tests as inertia_evidence
 from spinfilters.verdict import calibration_errors
@@ -76,6 +79,20 @@ def presser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 def test_python_is_interrupted(presser: Presser) -> None:
     with pytest.raises(KeyboardInterrupt):
         spinfilters.compare(dataset(), "mekf", settings={"calibration": {"clock_scale_std": 0.01}})
+
+
+def test_ctrl_c_behind_the_last_epoch_ends_the_run() -> None:
+    """A filter takes in all epochs of a short recording in one call, behind which Ctrl-C comes."""
+
+    def press(name: str, done: int, every: int) -> None:
+        """Ctrl-C when the first estimator has taken in all."""
+        if name == "mekf" and done == every:
+            raise KeyboardInterrupt
+
+    settings = Settings(estimators=("mekf", "smoother"))
+    comparison = compare_estimators(prepare(dataset(), settings), settings, press)
+    assert comparison.interrupted
+    assert [each.name for each in comparison.evaluations] == ["mekf"]
 
 
 @pytest.mark.parametrize("presser", [(module, 4) for module in MODULES], ids=name_of, indirect=True)

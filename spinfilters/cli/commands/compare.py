@@ -4,6 +4,7 @@ What estimates, and what prints its results, is imported once there is a data se
 refused in half the time.
 """
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -110,6 +111,8 @@ def compare(options: CompareArguments) -> int:
 
 def _read_with_bar(options: CompareArguments, choice: "SegmentChoice | None") -> "Dataset":
     """The data set, with a bar from the first second on where somebody watches."""
+    if not sys.stderr.isatty():  # a refused recording needs no bars
+        return _dataset(options, choice, lambda *_: None)
     from spinfilters.cli.console import progress_bars
 
     with progress_bars() as report:
