@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -49,6 +49,13 @@ _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])
 """Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
 _LARGEST_ID = 2.0**53  # above it float64 does not distinguish whole numbers
 _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
+
+
+class _NumberedLine(NamedTuple):
+    """A line with its number in the file, from 1."""
+
+    number: int
+    text: str
 
 
 @dataclass(frozen=True)
@@ -251,13 +258,13 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     require_text_table(path, encoding)
     # no cell is known before the header is found, so that delimiters alone leave a line empty
     preamble = TableLayout((), encoding, header_line=0, comments=COMMENTS)
-    held: list[tuple[int, str]] = []
+    held: list[_NumberedLine] = []
     marked: tuple[int, str] | None = None  # the comment in front of the first numbers may be their header
     for number, raw in _data_lines(path, replace(preamble, comments=())):
         if number > PREAMBLE_LINES:
             break
         if line := preamble.content(raw):
-            held.append((number, line))
+            held.append(_NumberedLine(number, line))
         elif not any(_is_numbers(each) for _, each in held):
             marked = (number, raw.strip().lstrip("#").strip())
     if stated:
@@ -364,40 +371,44 @@ _LENGTHS: Final = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}
 """Units of length, as motion capture spells them."""
 
 
-def _header_above(lines: Sequence[tuple[int, str]], row: str) -> TableLayout | None:
-    """Header above the first row of numbers: the line of as many cells with most names, joined with lines of units and groups.
+def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | None:
+    """Header above the first row of numbers: the last line of as many cells, joined with a line of units and one of groups.
 
     Motion capture and wearable sensors export several lines of names: of the body, of the quantity, of the axis, of the unit.
 
     Parameters
     ----------
-    lines : Sequence[tuple[int, str]]
-        Numbers and texts of all lines above.
+    lines : Sequence[_NumberedLine]
+        All lines above.
     row : str
         The first row.
     """
     delimiter = max(_DELIMITERS, key=row.count)
     if delimiter not in row:
         return None  # blanks separate the words of any sentence
-    width, below = len(row.split(delimiter)), lines[-1][0]
-    rows = [(number, _split(line, delimiter)) for number, line in lines]
-    rows = [(number, cells) for number, cells in rows if len(cells) == width]
-    if not rows or rows[-1][0] != below:
+    width, cells = len(row.split(delimiter)), [_split(line.text, delimiter) for line in lines]
+    rows = [each for each in cells if len(each) == width]
+    if len(cells[-1]) != width:
         return None
     units = [""] * width
-    if len(rows) > 1 and _are_units(rows[-1][1]):
-        units = [_bare_unit(cell) for cell in rows.pop()[1]]
-    place = max(range(len(rows)), key=lambda k: len(set(filter(None, rows[k][1]))))
-    names = rows[place][1]
+    if len(rows) > 1 and _are_units(rows[-1]):
+        units = [_bare_unit(cell) for cell in rows.pop()]
+    place = len(rows) - 1
+    while place > 0 and len(set(filter(None, rows[place]))) < 3:  # such as types of the columns
+        place -= 1
+    names = rows[place]
     if sum(map(bool, names)) < 3 or not any(each.isalpha() for name in names for each in name):
         return None
     if len(set(filter(None, names))) < sum(map(bool, names)) and place:  # X, Y, Z of several groups
-        names = [f"{group} {name}".strip() for group, name in zip(rows[place - 1][1], names, strict=True)]
+        names = [f"{group} {name}".strip() for group, name in zip(rows[place - 1], names, strict=True)]
         length = _stated_length(lines)
         names = [f"{name} ({length})" if length and name.startswith("Position ") else name for name in names]
     names = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
     return TableLayout(
-        tuple(names), header_line=below, delimiter=delimiter, decimal_comma=_has_decimal_comma(delimiter, row)
+        tuple(names),
+        header_line=lines[-1].number,
+        delimiter=delimiter,
+        decimal_comma=_has_decimal_comma(delimiter, row),
     )
 
 
@@ -420,7 +431,7 @@ def _bare_unit(cell: str) -> str:
     return re.sub(r"[()\[\]]", "", cell)
 
 
-def _stated_length(lines: Sequence[tuple[int, str]]) -> str:
+def _stated_length(lines: Sequence[_NumberedLine]) -> str:
     """Unit behind the words "Length Units" above a header; empty without them."""
     for _, line in lines:
         cells = _split(line, ",")
