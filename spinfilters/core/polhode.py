@@ -162,6 +162,14 @@ def are_of_rigid_body(moments: Float[np.ndarray, " 3"]) -> bool:
     return bool(2.0 * moments.max() <= moments.sum() + (moments.sum() - moments.max()) * TRIANGLE_TOLERANCE)
 
 
+def nearest_possible_moments(moments: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
+    """Moments whose largest is lowered to the sum of the other two, a thin plate's; the same of a body that can exist."""
+    possible = np.array(moments, dtype=np.float64)
+    largest = int(np.argmax(possible))
+    possible[largest] = min(possible[largest], float(np.delete(possible, largest).sum()))
+    return possible
+
+
 def finite_vector(
     values: Float[np.ndarray, " n"], length: int, name: str, unit: str
 ) -> Float[np.ndarray, " n"]:

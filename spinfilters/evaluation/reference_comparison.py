@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import (
     axis_angle_from_quaternion,
     continuous_quaternions,
@@ -23,6 +24,7 @@ from spinfilters.core.attitude_conversions import (
 )
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.core.linear_algebra import at_times
 from spinfilters.evaluation.continuous_motion import ContinuousMotion
 from spinfilters.evaluation.kinetic_energy import EnergyCourse, quadratic_energy
 from spinfilters.evaluation.reference_fit import (
@@ -86,6 +88,25 @@ class AttitudeCourse:
     estimate: Float[np.ndarray, "k 4"]
     reference: Float[np.ndarray, "k 4"]
     angle: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True)
+class ReferenceMotionInFrames:
+    """Motion of a reference in the frames of an estimate, behind its last epoch too.
+
+    Attributes
+    ----------
+    time : (n,) float array
+        On the clock of the estimate, s.
+    attitude : (n, 4) float array
+        q_ig, scalar last.
+    rate : (n, 3) float array
+        About the axes of g, rad/s.
+    """
+
+    time: Float[np.ndarray, " n"]
+    attitude: Float[np.ndarray, "n 4"]
+    rate: Float[np.ndarray, "n 3"]
 
 
 @dataclass(frozen=True)
@@ -192,6 +213,24 @@ class ReferenceComparison:
             if attitude is not None:
                 yield f"closest angle{suffix}", _mean_and_std(attitude.angle)
             yield from _components("angular velocity", rate.difference, suffix)
+
+    def motion_in_estimate_frames(self) -> ReferenceMotionInFrames | None:
+        """Attitude and rate of the reference as the fit relates them to the estimate; None where it has rates alone.
+
+        With the frames of `ReferenceFit`, R_ig = X' R_lm Y' and w_g = Y w_m.
+        """
+        fit, reference = self.fit, self.reference
+        if reference.attitude is None:
+            return None
+        time, rate = reference_rates(
+            reference, _span(reference, fit.noise[0], self.rate_std, self.typical_rate)
+        )
+        R = fit.frame.T @ matrix_from_quaternion(reference.attitude) @ fit.axes.T
+        return ReferenceMotionInFrames(
+            reference.time - fit.clock_offset,
+            continuous_quaternions(quaternion_from_matrix(nearest_rotation(R))),
+            at_times(reference.time, time, rate) @ fit.axes.T,
+        )
 
     @property
     def rms(self) -> dict[str, float | None]:
@@ -357,7 +396,9 @@ def _since_first(q: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 4"]:
 def _rates(
     motion: ContinuousMotion, reference: ReferenceMotion, fit: ReferenceFit, uncorrected: np.ndarray
 ) -> tuple[Course, Course, float]:
-    time, rate = reference_rates(reference, _span(reference, fit.noise[0], motion.rate_std, motion))
+    time, rate = reference_rates(
+        reference, _span(reference, fit.noise[0], motion.rate_std, motion.typical_rate)
+    )
     time = time - fit.clock_offset
     inside = _is_within_motion(motion, time)
     time, rate = time[inside], rate[inside]
@@ -374,9 +415,9 @@ def _rates(
     return before, after, root_mean_square(difference)
 
 
-def _span(reference: ReferenceMotion, noise: float, std: float, motion: ContinuousMotion) -> float:
+def _span(reference: ReferenceMotion, noise: float, std: float, typical_rate: float) -> float:
     """Time over which to take differences, s: their noise is then that of the estimate, if the body turns little meanwhile."""
-    longest = max(LARGEST_TURN / max(motion.typical_rate, 1e-6), reference.step)
+    longest = max(LARGEST_TURN / max(typical_rate, 1e-6), reference.step)
     return float(np.clip(np.sqrt(2.0) * noise / max(std, 1e-12), reference.step, longest))
 
 
@@ -396,7 +437,10 @@ def _places(
     velocity = reference.velocity
     if velocity is None:
         stride = int(
-            np.ceil(_span(reference, fit.noise[1], motion.velocity_std, motion) / reference.step - 1e-9)
+            np.ceil(
+                _span(reference, fit.noise[1], motion.velocity_std, motion.typical_rate) / reference.step
+                - 1e-9
+            )
         )
         dt = reference.time[stride:] - reference.time[:-stride]
         held = dt <= 1.5 * stride * reference.step

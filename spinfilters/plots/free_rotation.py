@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from spinfilters.core.axis_stability import AxisStability, Stability, axis_stability
 from spinfilters.core.conventions import RPM
-from spinfilters.core.polhode import Polhode, are_of_rigid_body, polhode_of_moments
+from spinfilters.core.polhode import Polhode, are_of_rigid_body, nearest_possible_moments, polhode_of_moments
 from spinfilters.core.rolling_motion import Cones, RollingMotion, cones, rolling_motion
 from spinfilters.core.spin_threshold import InspectionMission, spin_threshold
 from spinfilters.plots.scene import draw_ellipsoid, draw_on_ellipsoid, draw_wires, faces_viewer
@@ -23,6 +23,8 @@ from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, PURP
 
 ELEVATION, AZIMUTH = 24.0, -40.0
 """Direction of view of all figures in space, degrees."""
+ZOOM = 0.85
+"""Size of what is drawn in space, so that labels of the axes find room."""
 
 
 def polhode_figure(moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]) -> Figure:
@@ -52,16 +54,43 @@ def polhode_figure(moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]
     legend_below(
         figure,
         [
-            Patch(color=BLUE, alpha=0.35, label="constant energy"),
-            Line2D([], [], color=RED, alpha=0.6, linewidth=0.7, label="constant momentum"),
-            Line2D([], [], color=BLACK, linewidth=2.2, label="polhode and herpolhode"),
-            Line2D([], [], color=GREEN, marker="o", label="rate at t = 0"),
+            *_polhode_handles("polhode and herpolhode"),
             *(
                 Line2D([], [], color=c, label=f"rate about {n}")
                 for n, c in zip("xyz", AXIS_COLOURS, strict=True)
             ),
         ],
     )
+    return figure
+
+
+def possible_body_figure(moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]) -> Figure:
+    """Polhode of moments that no rigid body has beside that of the nearest body that can exist.
+
+    Parameters
+    ----------
+    moments : Float[np.ndarray, "3"]
+        Principal moments, kg m^2.
+    rate : Float[np.ndarray, "3"]
+        Body rate at t = 0 in principal axes, rad/s.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
+    figure = Figure(figsize=(12.0, 6.0), layout="constrained")
+    both = (
+        (moments, "no rigid body:"),
+        (nearest_possible_moments(moments), "a thin plate, the nearest body:"),
+    )
+    for column, (own, words) in enumerate(both, start=1):
+        axes = figure.add_subplot(1, 2, column, projection="3d", computed_zorder=False)
+        assert isinstance(axes, Axes3D)
+        curves = polhode_of_moments(own, rate)
+        _draw_polhode(axes, curves, rate, zoom=0.72)  # labels of the axes stay above the legend
+        axes.set_title(f"{words} J = {_numbers(own)}\npolhode {curves.kind.value}")
+    legend_below(figure, _polhode_handles("polhode"))
     return figure
 
 
@@ -184,7 +213,7 @@ def spin_threshold_figure(
     return figure
 
 
-def _draw_polhode(axes: Axes3D, curves: Polhode, rate: Float[np.ndarray, "3"]) -> None:
+def _draw_polhode(axes: Axes3D, curves: Polhode, rate: Float[np.ndarray, "3"], zoom: float = ZOOM) -> None:
     """Both ellipsoids and both curves; what lies behind the ellipsoid is drawn faintly."""
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
     draw_ellipsoid(axes, curves.energy_semi_axes, BLUE)
@@ -195,7 +224,17 @@ def _draw_polhode(axes: Axes3D, curves: Polhode, rate: Float[np.ndarray, "3"]) -
     axes.plot(*np.stack([np.zeros(3), rate]).T, color=GREEN, linewidth=2.0, alpha=faint, zorder=4)
     axes.scatter(*rate, color=GREEN, s=45, alpha=faint, depthshade=False, zorder=5)
     extent = np.maximum(curves.energy_semi_axes, curves.momentum_semi_axes)
-    _space_axes(axes, np.stack([-extent, extent]), "body")
+    _space_axes(axes, np.stack([-extent, extent]), "body", zoom)
+
+
+def _polhode_handles(curve: str) -> list[Patch | Line2D]:
+    """Legend of both ellipsoids, the black curve and the rate."""
+    return [
+        Patch(color=BLUE, alpha=0.35, label="constant energy"),
+        Line2D([], [], color=RED, alpha=0.6, linewidth=0.7, label="constant momentum"),
+        Line2D([], [], color=BLACK, linewidth=2.2, label=curve),
+        Line2D([], [], color=GREEN, marker="o", label="rate at t = 0"),
+    ]
 
 
 def _draw_herpolhode(axes: Axes, motion: RollingMotion) -> None:
@@ -249,13 +288,13 @@ def _draw_ray(axes: Axes3D, end: Float[np.ndarray, "3"], colour: str) -> None:
     axes.plot(*np.stack([np.zeros(3), end]).T, color=colour, linewidth=1.6, zorder=6)
 
 
-def _space_axes(axes: Axes3D, points: Float[np.ndarray, "n 3"], frame: str) -> None:
+def _space_axes(axes: Axes3D, points: Float[np.ndarray, "n 3"], frame: str, zoom: float = ZOOM) -> None:
     """Equal scales about all points, few ticks, and labels clear of them."""
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = (low + high) / 2.0, np.maximum((high - low) / 2.0, 0.15 * float((high - low).max()))
     axes.set(**{f"{n}lim": (middle[k] - half[k], middle[k] + half[k]) for k, n in enumerate("xyz")})
     x, y, z = (half / half.max()).tolist()
-    axes.set_box_aspect((x, y, z), zoom=0.85)  # pyright: ignore[reportArgumentType]  (typed int, documented float)
+    axes.set_box_aspect((x, y, z), zoom=zoom)  # pyright: ignore[reportArgumentType]  (typed int, documented float)
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
     for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
         axis.set_major_locator(MaxNLocator(4, prune="both"))

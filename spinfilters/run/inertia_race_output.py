@@ -1,7 +1,9 @@
 """What a run folder holds of a race: several inertias propagated from the last state of its first estimator."""
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -13,6 +15,7 @@ from spinfilters.core.polhode import validate_principal_moments
 from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.evaluation.inertia_race import NamedInertia, PropagatedInertia, propagate_inertias
 from spinfilters.evaluation.prediction_errors import truth_in_frames_of
+from spinfilters.evaluation.reference_comparison import ReferenceComparison
 from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.io.document import numbers
 from spinfilters.io.input_file import path_text, read_toml, value_text
@@ -27,6 +30,7 @@ from spinfilters.run.run_folder import RACE_FILE, RACE_PICTURE, RACE_TABLE
 
 SCHEMA: Final = 1
 TRUTH: Final = "truth"
+TRUE_MOTION: Final = "the true motion"
 KEYS: Final = ("principal_moments", "principal_axes_g", "inertia_g")
 
 
@@ -42,12 +46,13 @@ def write_race(
     names: Sequence[str],
     evaluations: Sequence[Evaluation],
     seconds: float,
+    references: Mapping[str, ReferenceComparison] = MappingProxyType({}),
     with_figures: bool = True,
 ) -> list[str]:
     """Write race.json, race.csv and race.png; returns the names of the pictures.
 
     All start from the attitude and rate of the first estimator after the last measurement. They are compared with the truth where
-    it goes on, else with the first of them.
+    it goes on, else with the attitudes of a reference that does, else with the first of them.
 
     Raises
     ------
@@ -62,20 +67,23 @@ def write_race(
     layout = belief.layout
     attitude, rate = belief.mean[layout.mean_slice("a")], belief.mean[layout.mean_slice("w")]
     truth = truth_in_frames_of(first)
-    stamps = np.empty(0) if truth is None else truth.time
-    time = np.r_[0.0, stamps_ahead(first.history.time, seconds, stamps)]
     inertias = _inertias(names, good, truth)
     if not inertias:  # of estimators that failed
         return []
-    true = None if truth is None else _true_rows(truth, now + time)
-    if true is not None and truth is not None:
-        time = truth.time[true] - now
+    time, judge = stamps_ahead(first.history.time, seconds, np.empty(0)), None
+    for candidate in _judges(truth, references.get(first.name)):
+        stamps = stamps_ahead(first.history.time, seconds, candidate.time)
+        rows = _rows_at(candidate, np.r_[now, now + stamps])
+        if rows is not None:
+            time, judge = candidate.time[rows] - now, candidate.at(rows)
+            break
+    else:
+        time = np.r_[0.0, time]
     found = propagate_inertias(inertias, attitude, rate, time)
     reference, compared_with = found[0], found[0].name
-    if true is not None and truth is not None:
-        q = truth.q_ig[true]
-        reference = PropagatedInertia(TRUTH, q, rotate(inverse(q), truth.rate_i[true]))
-        compared_with = "the true motion"
+    if judge is not None:
+        reference = PropagatedInertia(judge.name, judge.attitude, judge.rate)
+        compared_with = TRUE_MOTION if judge.name == TRUTH else judge.name
     _write(folder, compared_with, time, found, reference, first.name)
     if not with_figures:
         (folder / RACE_PICTURE).unlink(missing_ok=True)  # of an earlier race
@@ -142,10 +150,34 @@ def _read_inertia(name: str, axes: Float[np.ndarray, "3 3"]) -> NamedInertia:
         raise InputError(f"{path_text(path)}: {error}") from None
 
 
-def _true_rows(truth: Truth, time: Float[np.ndarray, " k"]) -> Int[np.ndarray, " m"] | None:
-    """Rows of the truth at the times, s; None where it has fewer than two of them."""
+@dataclass(frozen=True)
+class _Judge:
+    """Motion that a race is compared with, in the frames of the first estimator; arrays as in `PropagatedInertia`."""
+
+    name: str
+    time: Float[np.ndarray, " n"]
+    attitude: Float[np.ndarray, "n 4"]
+    rate: Float[np.ndarray, "n 3"]
+
+    def at(self, rows: Int[np.ndarray, " m"]) -> "_Judge":
+        """Some rows of it."""
+        return _Judge(self.name, self.time[rows], self.attitude[rows], self.rate[rows])
+
+
+def _judges(truth: Truth | None, compared: ReferenceComparison | None) -> Iterator[_Judge]:
+    """The truth, then the reference."""
+    if truth is not None:
+        yield _Judge(TRUTH, truth.time, truth.q_ig, rotate(inverse(truth.q_ig), truth.rate_i))
+    found = None if compared is None else compared.motion_in_estimate_frames()
+    if compared is not None and found is not None:
+        name = PurePath(compared.reference.name).name
+        yield _Judge(name, found.time, found.attitude, found.rate)
+
+
+def _rows_at(judge: _Judge, time: Float[np.ndarray, " k"]) -> Int[np.ndarray, " m"] | None:
+    """Rows of a motion at the times, s; None where it has fewer than two of them."""
     try:
-        _, rows = common_stamps(time, truth.time)
+        _, rows = common_stamps(time, judge.time)
     except InputError:
         return None
     return rows if len(rows) >= 2 else None

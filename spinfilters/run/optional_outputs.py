@@ -272,7 +272,7 @@ class OptionalOutputs:
         references = {} if compared is None else compared.found
         drawn = write_predictions(folder, process, evaluations, seconds, references, with_figures)
         if self.race:
-            drawn += write_race(folder, self.race, evaluations, seconds, with_figures)
+            drawn += write_race(folder, self.race, evaluations, seconds, references, with_figures)
         return drawn
 
     def complete(

@@ -242,9 +242,8 @@ def _resting_on_moments(setup: Setup) -> frozenset[str]:
     """Quantities that rest on the wobble as the moments do.
 
     A steady spin shows the centre of mass across its axis only; along it the centre, and its place with it, follow from the same
-    wobble. Of a gyro alone an undetermined body and an identified density of torques explain the same changes of the rates: the
-    body takes a part of the disturbances, the density comes out too small, and with it the deviations of rate and attitude.
+    wobble. An undetermined body and an identified density of torques explain the same changes of the rates: the body takes a part
+    of the disturbances, the density comes out too small, and with it the deviations of rate and attitude.
     """
-    if setup.process.layout.translates:
-        return BODY | {CENTRE, POSITION}
-    return ROTATION if "torque_psd" in setup.unstated else BODY
+    quantities = BODY | {CENTRE, POSITION} if setup.process.layout.translates else BODY
+    return quantities | ROTATION if "torque_psd" in setup.unstated else quantities

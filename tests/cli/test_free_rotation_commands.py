@@ -29,15 +29,21 @@ def test_values_of_an_own_mission_replace_those_of_the_named_one(tmp_path: Path)
     assert document["threshold_rpm"]["overall"] == pytest.approx(2 * 0.11643, rel=1e-4)
 
 
-def test_polhode_of_a_possible_body_has_three_pictures_and_of_an_impossible_one_two(tmp_path: Path) -> None:
+def test_polhode_draws_stability_of_a_possible_body_and_the_nearest_one_beside_an_impossible_one(
+    tmp_path: Path,
+) -> None:
     assert main(["polhode", "-o", str(tmp_path / "possible")]) == 0
     assert main(["polhode", "--moments", "3", "1", "0.3333", "-o", str(tmp_path / "printed")]) == 0
     pictures = [sorted(p.name for p in (tmp_path / name).glob("*.png")) for name in ("possible", "printed")]
-    assert pictures == [["cones.png", "polhode.png", "stability.png"], ["cones.png", "polhode.png"]]
+    assert pictures == [
+        ["cones.png", "polhode.png", "stability.png"],
+        ["cones.png", "polhode.png", "possible.png"],
+    ]
     found = json.loads((tmp_path / "possible/polhode.json").read_text())
     assert found["stability"]["y"]["verdict"] == "unstable"
     printed = json.loads((tmp_path / "printed/polhode.json").read_text())
     assert not printed["is_rigid_body"]
+    assert printed["nearest_possible_moments"] == pytest.approx([1.3333, 1.0, 0.3333])
     assert any("No rigid body" in sentence for sentence in printed["text"])
     assert len((tmp_path / "printed/polhode.csv").read_text().splitlines()) > 100
 

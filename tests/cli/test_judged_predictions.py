@@ -70,7 +70,7 @@ def test_a_prediction_stops_at_every_stamp_of_the_truth_once() -> None:
     np.testing.assert_allclose(stamps_ahead(time, 1.5, truth), [0.5, 0.7, 1.0, 1.5], atol=1e-6)
 
 
-def test_a_reference_that_goes_on_judges_a_prediction_too(
+def test_a_reference_that_goes_on_judges_a_prediction_and_a_race_too(
     recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fits: list[str] = []
@@ -86,7 +86,11 @@ def test_a_reference_that_goes_on_judges_a_prediction_too(
     truth = read_csv(recordings / "stereo-tracks" / "truth.csv", TRUTH_COLUMNS).values
     rows = np.column_stack([truth[:, 0] + 0.1, truth[:, 1:8]])  # another clock, 0.1 s late
     np.savetxt(reference, rows)
-    found = compared(dataset, tmp_path / "run", "--reference", str(reference))["mekf"]
+    cad = tmp_path / "cad.toml"
+    cad.write_text("principal_moments = [0.5, 0.9, 1.0]\n")
+    found = compared(dataset, tmp_path / "run", "--reference", str(reference), "--race", f"mekf,{cad}")[
+        "mekf"
+    ]
     assert isinstance(found, dict)
     assert found["judge"] == "mocap.tum"
     assert found["rows"] >= 7
@@ -95,4 +99,24 @@ def test_a_reference_that_goes_on_judges_a_prediction_too(
         assert 0.05 < each["end"] / each["end_std"] < 4.0
     assert found["nees_missing"]
     assert (tmp_path / "run" / "prediction-errors.png").stat().st_size > 10_000
-    assert fits == ["mekf"], "fitted once, for the reference's own files and for the prediction"
+    race = json.loads((tmp_path / "run" / "race.json").read_text())
+    assert race["compared_with"] == "mocap.tum"
+    ends = {name: values["angle_end_rad"] for name, values in race["inertias"].items()}
+    assert ends["cad"] > 3 * ends["mekf"]
+    assert fits == ["mekf"], "fitted once, for the reference's own files, the prediction and the race"
+
+
+def test_a_late_truth_ends_no_run_and_becomes_a_reference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dataset, run = tmp_path / "data", tmp_path / "run"
+    assert main(["simulate", "--kind", "pose", "--frames", "24", "-o", str(dataset)]) == 0
+    head, *rows = (dataset / "truth.csv").read_text().splitlines()
+    late = [",".join([f"{float(row.split(',')[0]) + 0.1:.6f}", *row.split(",")[1:]]) for row in rows]
+    (dataset / "truth.csv").write_text("\n".join([head, *late]) + "\n")
+    asked = ["--estimators", "mekf", "--verdict", "filter", "--no-figures", "-o", str(run)]
+    assert main(["compare", str(dataset), *asked]) == 0
+    assert "its clock is" in " ".join(capsys.readouterr().out.split())
+    assert (
+        json.loads((run / "reference.json").read_text())["estimators"]["mekf"]["clock_offset_s"] is not None
+    )

@@ -87,6 +87,15 @@ def test_a_row_of_no_use_is_named_by_its_line(gyro_program: str, second: str) ->
     assert done.stderr.startswith("line 3: ")
 
 
+@pytest.mark.parametrize("time", ["inf", "nan", "1e400"])
+def test_a_first_time_that_is_not_finite_is_named(gyro_program: str, time: str) -> None:
+    done = subprocess.run(
+        [gyro_program, "-"], input=f"{time},0.1,1,0.05\n1,0.1,1,0\n", capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("line 1: its time is not finite")
+
+
 @pytest.mark.parametrize(("real", "tolerance"), [("double", 1e-12), ("float", 2e-6)])
 @pytest.mark.parametrize(
     "s",

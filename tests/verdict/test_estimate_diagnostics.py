@@ -10,8 +10,8 @@ from experiments.honest_cases import RecordingCase, recordings
 from spinfilters.models.status import Finding
 from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.run.preparation import prepare
-from spinfilters.settings.run_settings import ProcessSettings, Settings
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.settings.run_settings import AUTO, ProcessSettings, Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map, without_noise
 from spinfilters.verdict import agreement_tests as estimate_diagnostics
 from spinfilters.verdict.agreement_tests import (
     LEAST_EVIDENCE,
@@ -118,6 +118,22 @@ def test_few_epochs_are_no_steady_spin(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimate_diagnostics, "inertia_evidence", lambda *_: found)
     (found,) = motion_diagnostics(compared(RICH).setup, SETTINGS)
     assert found.sentence.endswith("they are too few")
+
+
+@pytest.mark.parametrize("kind", ["gyro", "pose"])
+@pytest.mark.parametrize("stated", [True, False])
+def test_an_undetermined_body_takes_disturbances_whose_density_is_identified(
+    kind: str, stated: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a density 30 times too small attitudes and rates of tracks were up to 6 deviations off, and said to hold."""
+    monkeypatch.setattr(estimate_diagnostics, "inertia_evidence", lambda *_: InertiaEvidence(0.0, 40))
+    process = ProcessSettings(gravity=False, torque_psd=1e-6 if stated else AUTO)
+    scenario = Scenario.simplified(kind=kind, rate_rpm=RICH_RPM, epochs=20)
+    setup = prepare(without_noise(simulate(scenario)), Settings(process=process))
+    (found,) = motion_diagnostics(setup, SETTINGS)
+    assert found.about is not None
+    assert ({"attitude", "rate"} <= found.about) is not stated
+    assert ("position" in found.about) is (kind == "pose")
 
 
 def test_the_lack_of_wobble_under_a_disturbance_that_is_not_there_is_no_evidence() -> None:

@@ -126,6 +126,12 @@ COMMANDS: Final = (
         "spinfilters.cli.commands.condition",
     ),
     ListedCommand(
+        "fuse",
+        "study",
+        "one inertia of several runs of one body",
+        "spinfilters.cli.commands.fuse",
+    ),
+    ListedCommand(
         "polhode",
         "study",
         "free rotation of a body with given moments: polhode, herpolhode, cones, stability",

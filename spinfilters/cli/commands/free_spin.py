@@ -44,7 +44,12 @@ def polhode(options: PolhodeArguments) -> int:
     from spinfilters.core.polhode import are_of_rigid_body
     from spinfilters.core.rolling_motion import rolling_motion
     from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
-    from spinfilters.plots.free_rotation import cones_figure, polhode_figure, stability_figure
+    from spinfilters.plots.free_rotation import (
+        cones_figure,
+        polhode_figure,
+        possible_body_figure,
+        stability_figure,
+    )
 
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND.name)
@@ -57,6 +62,8 @@ def polhode(options: PolhodeArguments) -> int:
         draw(lambda: cones_figure(moments, rate), place / "cones.png")
         if are_of_rigid_body(moments):
             draw(lambda: stability_figure(moments, float(np.linalg.norm(rate))), place / "stability.png")
+        else:
+            draw(lambda: possible_body_figure(moments, rate), place / "possible.png")
         write_json(place / "polhode.json", document)
     wide_console().print(
         "\n".join([*document["text"], f"written to {folder}"]), highlight=False, soft_wrap=True
@@ -70,7 +77,7 @@ def describe_motion(moments: Any, rate: Any, motion: "RollingMotion") -> dict[st
     import numpy as np
 
     from spinfilters.core.axis_stability import axis_stability
-    from spinfilters.core.polhode import are_of_rigid_body, polhode_of_moments
+    from spinfilters.core.polhode import are_of_rigid_body, nearest_possible_moments, polhode_of_moments
     from spinfilters.core.rolling_motion import cones
 
     kind, circular = polhode_of_moments(moments, rate).kind, cones(moments, rate)
@@ -80,6 +87,7 @@ def describe_motion(moments: Any, rate: Any, motion: "RollingMotion") -> dict[st
         "moments": list(map(float, moments)),
         "rate_rad_s": list(map(float, rate)),
         "is_rigid_body": possible,
+        "nearest_possible_moments": nearest_possible_moments(moments).tolist(),
         "kind": kind.name.lower().replace("_", "-"),
         "period_s": motion.period,
         "advance_rad": motion.advance,
@@ -141,7 +149,8 @@ def _cone_sentences(found: "Cones | None") -> list[str]:
 def _stability_sentences(spins: "tuple[AxisStability, ...]", speed: float) -> list[str]:
     if not spins:
         return [
-            "No rigid body has these moments: the largest exceeds the sum of the other two. They are drawn anyway."
+            "No rigid body has these moments: the largest exceeds the sum of the other two. They are drawn anyway, beside the "
+            "nearest body in possible.png."
         ]
     for found in spins:
         if found.growth_rate > 0.0:
@@ -166,6 +175,6 @@ COMMAND = Command(
     PolhodeArguments,
     polhode,
     "Torque-free motion in closed form, without a recording (Tweddle 2013, section 2.5, Figures 2-6 to 2-10). Moments that no "
-    "rigid body has are drawn as numbers, and named.",
+    "rigid body has are drawn as numbers, and named; beside them is the nearest body that can exist.",
     common=FigureOptions,
 )

@@ -6,6 +6,7 @@
  *
  * On a microcontroller, keep what stands in `take` and bring the values from your sensor.
  */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -74,6 +75,7 @@ static int filter_input(void)
     }
     if (count == 0 && epochs == 0) continue; /* a header */
     if (count < 1 + VALUES || *at != '\0') return refuse(line, VALUES == 7 ? "needs 8 numbers: time and pose" : "needs 4 numbers: time and rates");
+    if (!isfinite(row[0])) return refuse(line, "its time is not finite");
     if (epochs > 0 && !(row[0] > last_time)) return refuse(line, "its time does not lie behind that of the line before");
     for (int k = 0; k < VALUES; ++k) values[k] = (sf_real)row[1 + k];
     if (take(row[0], values) != 0) return refuse(line, "the filter cannot go on to this time");
