@@ -1,6 +1,6 @@
 """Quantiles of the sampled posterior compared with those of a long Markov chain over all states.
 
-    python -m experiments.reference_posterior [--seeds 5] [--steps 4000] [--sensors gyro,pose] [--samples 800]
+    python -m experiments.reference_posterior [--seeds 5] [--first 0] [--steps 4000] [--sensors gyro,pose] [--samples 800]
 
 The estimator `posterior` integrates the motion out by Laplace's method. The chain does not: each step proposes a mass distribution
 and all states of the motion (605 to 1208 numbers), and accepts them by their exact density (Metropolis, Hastings; independence
@@ -159,6 +159,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=5, help="recordings of each sensor")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first")
     parser.add_argument("--steps", type=int, default=4000, help="of the chain")
     parser.add_argument("--sensors", default="gyro,pose")
     parser.add_argument("--samples", default=str(SamplingOptions().samples), help="of the mass distribution")
@@ -168,7 +169,7 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|---|---|")
     for sensor in options.sensors.split(","):
-        for seed in range(options.seeds):
+        for seed in range(options.first, options.first + options.seeds):
             setup = prepare(simulate(drawn_scenario(sensor, seed)), Settings())
             problem, smoothed = smoothed_problem(setup, Settings())
             history = smooth_at_once(setup, Settings(), lambda done, every: None)

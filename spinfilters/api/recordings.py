@@ -153,7 +153,8 @@ def simulate(
     Parameters
     ----------
     kind : str
-        "stereo-tracks", "mono-tracks", "pose", "attitude", "gyro", "lidar-points", "lidar-poses" or that of an installed sensor.
+        "stereo-tracks", "mono-tracks", "pose", "attitude", "gyro", "magnetometer", "lidar-points", "lidar-poses" or that of an
+        installed sensor.
     seed : int
         Of everything random.
     frames : int

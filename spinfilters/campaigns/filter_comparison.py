@@ -19,7 +19,6 @@ import pyarrow as pa
 from jaxtyping import Float
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from scipy.stats import chi2
 
 from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
@@ -27,6 +26,7 @@ from spinfilters.campaigns.paired_ratios import (
     ESTIMATOR,
     MARKERS,
     geometric_ratio,
+    label_logarithms,
     paired_ratios,
     pareto_figure,
     reference_of,
@@ -71,8 +71,6 @@ WORSE: Final = 1.1
 """An estimator whose errors are, with 95 %, at most so many times the reference's is as good."""
 CONVERGED: Final = 0.999
 """Share of the errors of a consistent estimator that lie below the NEES up to which a run counts as converged."""
-MOST_TICKS: Final = 40.0
-"""Range of a logarithmic axis, highest over lowest, up to which it has ticks within a decade."""
 ERRORS: Final = {"error_attitude_rad": "attitude", "error_rate_rad_s": "rate", "error_position_m": "position"}
 """Errors of the motion that are compared, by their columns: root mean squares over a run's epochs."""
 MOMENTS: Final = "moments"
@@ -263,19 +261,13 @@ def comparison_figure(results: Sequence[LevelResult]) -> Figure:
             )
         if scale == "log":
             axes.set_yscale("log")
-            axes.yaxis.set_major_formatter(FormatStrFormatter("%.3g"))
-            low, high = axes.get_ylim()
-            narrow = high / low < MOST_TICKS
-            axes.yaxis.set_major_locator(
-                LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if narrow else (1.0,))
-            )
-            axes.yaxis.set_minor_formatter(NullFormatter())
+            label_logarithms(axes.yaxis)
             if "time" not in title:
                 axes.axhline(1.0, color=GREY, linewidth=0.8, zorder=0)
         axes.set_title(title, fontsize="small", loc="left")
         axes.set_xticks(
             range(len(levels)),
-            [fill(level or "all", 40 // len(levels) + 2, break_long_words=False) for level in levels],
+            [fill(level or "all", 36 // len(levels) + 1, break_long_words=False) for level in levels],
             fontsize="x-small",
         )
         tidy(axes)

@@ -12,8 +12,9 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from spinfilters.campaigns.statistics import QUANTILE, Interval
 from spinfilters.campaigns.study import Study
@@ -26,6 +27,8 @@ MARKERS: Final = "osD^vP"
 """Of estimators in turn: there are more of them than colours."""
 FEWEST_PAIRS: Final = 3
 """Recordings that both estimators have, below which no interval is given."""
+MOST_TICKS: Final = 40.0
+"""Range of a logarithmic axis, highest over lowest, up to which it has ticks within a decade."""
 PREFERRED: Final = ("smoother", "mekf")
 """Estimators that the others are compared with, the first that a study has."""
 
@@ -109,6 +112,16 @@ def _ratios(
                     yield PairedRatio(tuple(map(str, levels)), name, title, found)
 
 
+def label_logarithms(axis: Axis) -> None:
+    """Ticks of a logarithmic axis, so few that their labels have room; within a decade where it is narrow."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(
+        LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if high / low < MOST_TICKS else (1.0,))
+    )
+    axis.set_major_formatter(FormatStrFormatter("%.3g"))
+    axis.set_minor_formatter(NullFormatter())
+
+
 def pareto_figure(ratios: Sequence[PairedRatio]) -> Figure | None:
     """Ratio of the rate's error against that of processor time, a point an estimator and cell; None without both."""
     titles = [each.quantity for each in ratios if each.quantity != SECONDS]
@@ -146,8 +159,7 @@ def pareto_figure(ratios: Sequence[PairedRatio]) -> Figure | None:
         ylabel=f"{quantity.partition(' [')[0]} over the reference",
     )
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(FormatStrFormatter("%.3g"))
-        axis.set_minor_formatter(FormatStrFormatter("%.3g"))
+        label_logarithms(axis)
     figure.legend(loc="outside right upper", fontsize="small")
     tidy(axes)
     return figure

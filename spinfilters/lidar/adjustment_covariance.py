@@ -135,14 +135,16 @@ def significant_information(
 
 
 def covariance_root(
-    information: Float[np.ndarray, "a a"], size: float, turn: float = ROTATION_PRIOR
+    information: Float[np.ndarray, "a a"], size: float, turn: float | Float[np.ndarray, " k"] = ROTATION_PRIOR
 ) -> Float[np.ndarray, "a a"]:
     """Square root of the covariance of information and the prior of predicted poses together.
 
     By eigenvectors in deviations of the prior: scans without noise hold up to 1e27 times its information, and a sum of both would
-    lose what it says of the directions that they leave open. ``turn`` is the prior's deviation of a rotation, rad.
+    lose what it says of the directions that they leave open. ``turn`` is the prior's deviation of a rotation, rad, of all scans or
+    of each.
     """
-    scale = np.tile(np.repeat([turn, size], 3), len(information) // 6)
+    turns = np.broadcast_to(turn, len(information) // 6)
+    scale = np.repeat(np.column_stack([turns, np.full_like(turns, size, dtype=float)]).ravel(), 3)
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
     known = np.where(values > NEGLIGIBLE * values[-1], values, 0.0)
     return scale[:, None] * vectors / np.sqrt(1.0 + known)
@@ -183,12 +185,14 @@ def with_covariances(
     size: float,
     common: float | None,
     of_drift: Float[np.ndarray, "a a"] | float,
+    differing: Float[np.ndarray, "k 6"],
 ) -> AdjustedScans:
     """Poses with the marginals of the joint covariance, to which a drift may add its information ``of_drift``.
 
     Their covariances with the poses of the others exact come with them. Of scans without noise, where a drift is known, these are
     the marginals, too, less the inflation ``common``: no factor on exact poses would describe what some scans share that no other
     one holds. What no scan determines has the prior of a predicted pose, see `pose_covariance`.
+    ``differing`` are variances (translation, rotation) of what matches and drift of scans without noise differ about.
     """
     k, prior = len(poses), _prior_information(size)
     whole = significant_information(normal.certain, normal.information, normal.is_exact) / normal.variance
@@ -207,7 +211,7 @@ def with_covariances(
             for each in (to_lidar @ covariance[number, :, number] @ to_lidar.T, root @ root.T)
         )
         if common is not None:
-            every = _with_bend(every)
+            every = _with_bend(every) + np.diag(differing[number])
             own = every / common
         matched = int(normal.matched[number])
         found.append(

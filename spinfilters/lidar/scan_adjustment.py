@@ -42,6 +42,7 @@ from spinfilters.lidar.registration import (
 from spinfilters.lidar.scan_pose import (
     LEAST_DEPARTURE,
     ROTATION_PRIOR,
+    UNDETERMINED,
     ScanPose,
     angles_from,
     largest_departure,
@@ -53,6 +54,9 @@ HELD: Final = 1e-3
 """Share of a predicted attitude's deviation by which a drift may turn scans without noise.
 
 A place does not separate a rotation about it from a slide, and what little a drift does not explain turned panels by 15 deg."""
+
+HELD_SURE: Final = 1e-6
+"""The same of a scan that matches determine: open scans, which pull at a drift, would turn it by more than its deviation."""
 
 MAP_SCANS: Final = 12
 """Scans that one is matched with, those seen from most alike directions: distant views share no surface."""
@@ -93,7 +97,7 @@ def adjusted_scans(
         normal = _match_group(clouds, found, group, size, reach)
         share = _residual_response(clouds, found, group, normal.reach)
         normal = replace(normal, variance=normal.variance / share**2)
-        common = None
+        common, differing = None, np.zeros((len(group), 6))
         # what slid is matched again where the drift leads
         for _ in range(_DRIFTS if len(group) >= FEWEST_ON_DRIFT else 0):
             found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
@@ -101,12 +105,16 @@ def adjusted_scans(
             normal = replace(matched, variance=matched.variance / share**2)
         if len(group) >= FEWEST_ON_DRIFT and normal.is_exact:
             # residuals of scans without noise do not show the errors of poses: their places do, and matches let them slide
-            drift = _drift_of([found[k] for k in group], size)
-            found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
+            drift, matched = _drift_of([found[k] for k in group], size), [found[k] for k in group]
+            found[begin : group.stop] = _on_drift(matched, normal, size)
+            # what it moves a pose by, matches and drift differ about
+            differing = np.array(
+                [_squared_changes(*each) for each in zip(matched, found[begin : group.stop], strict=True)]
+            )
             usual, variance = (max(normal.variance, each**2) for each in (drift.scatter, drift.deviation))
             common, normal = min(max(variance / usual, 1.0), LARGEST), replace(normal, variance=variance)
         of_drift = _drift_information([found[k] for k in group], normal, size)
-        adjusted = with_covariances([found[k] for k in group], normal, size, common, of_drift)
+        adjusted = with_covariances([found[k] for k in group], normal, size, common, of_drift, differing)
         found[begin : group.stop], inflation = adjusted.poses, max(inflation, adjusted.inflation)
     return AdjustedScans(tuple(found), inflation)
 
@@ -352,11 +360,26 @@ def _drift_information(
     return drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))
 
 
+def _squared_changes(before: ScanPose, after: ScanPose) -> Float[np.ndarray, "6"]:
+    """Squares of the shift (m) and of the rotation (rad) between two poses of a scan, on each of their three axes."""
+    shift = float(np.sum((after.translation - before.translation) ** 2))
+    return np.repeat([shift, _turn_between(after.rotation, before.rotation) ** 2], 3)
+
+
+def _determines_pose(information: Float[np.ndarray, "6 6"], size: float) -> bool:
+    """Whether an information over (rotation, shift) in g leaves no direction of a pose to its prediction."""
+    scale = np.repeat([ROTATION_PRIOR, size], 3)
+    return bool(np.linalg.eigvalsh(scale[:, None] * information * scale)[0] > 1.0 / UNDETERMINED)
+
+
 def _on_drift(poses: Sequence[ScanPose], normal: ScanNormalEquations, size: float) -> list[ScanPose]:
     """Poses on a drift in the directions that the matches leave open."""
     found, done = list(poses), np.zeros(6 * len(poses))
     whole = significant_information(normal.certain, normal.information, normal.is_exact) / normal.variance
-    turn = HELD * ROTATION_PRIOR if normal.is_exact else ROTATION_PRIOR
+    turn: float | Float[np.ndarray, " k"] = ROTATION_PRIOR
+    if normal.is_exact:
+        sure = [_determines_pose(each, size) for each in information_alone(normal)]
+        turn = ROTATION_PRIOR * np.where(sure, HELD_SURE, HELD)
     root = covariance_root(normal.constrained(whole, 0.0), size, turn)
     joint = root @ root.T
     for _ in range(_DRIFT_STEPS):

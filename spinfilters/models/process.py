@@ -6,11 +6,12 @@ optional blocks of the state (`spinfilters.models.state_blocks`).
 To add to the model:
 
 - a torque is a term of `body_acceleration`, of rate, inertia and constants. Its constant is a state block, named in
-  `ACCELERATION_TERMS` of `spinfilters.models.rotation_integrator`, from where all users take it;
+  `ACCELERATION_TERMS` of `spinfilters.models.rotation_integrator`, from where all users take it. No step knows a time or an input,
+  such as a field;
 - a force is a term of `RotationSubsteps.translated` in that file, which moves the centre of mass in filters, smoother and
   simulation. Repeat it in `derivative`, else verdict and observability analyser miss it;
-- a white disturbance is a field of `ProcessNoise` and a part of the noise factor G in that file. Its columns of G have a name in
-  `SOURCES` of `spinfilters.filters.noise_levels`, its setting is in `spinfilters.settings.run_settings`;
+- a white disturbance is a field of `ProcessNoise` and a part of the noise factor G in that file. All other places are in
+  docs/how-to/add-a-disturbance.md;
 - a block that drifts, such as a Markov bias, decays in `RotationSubsteps.translated` and in `derivative`. Its drive is a white
   disturbance.
 """
@@ -147,7 +148,8 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
 
 
 DISTURBED_BLOCKS = (RATE.name, VELOCITY.name)
-"""Blocks on which white disturbances act, where a layout has them, in the order of `DisturbedSteps.disturbed_components`."""
+"""Blocks on which white disturbances act, where a layout has them, in the order of `DisturbedSteps.disturbed_components`: one
+density for each, equal along the axes in which the block's numbers are."""
 INTERVALS_PER_CALL = 16
 """Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
 

@@ -4,6 +4,7 @@
     OUTPUT/reproduce.csv             the same rows
     OUTPUT/ITEM/item.json            rows, note, seconds, version, hash of the code
     OUTPUT/ITEM/rows.csv, *.csv, *.png   rows, tables and pictures
+    OUTPUT/ITEM/*.pdf or *.svg           pictures for a paper, where they are asked for
 
 An item is written as a whole or not at all; one that was made by this version and by the same code of this package is not made
 again, unless asked. `record_of` sums all up.
@@ -25,8 +26,9 @@ from typing import Any, Final
 
 from spinfilters.core.errors import InputError, SpinfiltersError
 from spinfilters.io.input_file import path_text, read_settings_text
-from spinfilters.io.output_files import made_folder, output_folder, write_json, write_text
+from spinfilters.io.output_files import made_folder, output_folder, write_bytes, write_json, write_text
 from spinfilters.plots.page import image, note, page, table
+from spinfilters.plots.printing import PrintStyle, printed_figure
 from spinfilters.plots.style import save_figure
 from spinfilters.reproduction.item import RANKED, Agreement, ComparedNumber, Item, ItemResult
 from spinfilters.reproduction.items import ITEMS
@@ -72,6 +74,7 @@ def reproduce(
     folder: Path,
     again: bool = False,
     report: Callable[[Item, Finished | None], None] = lambda *_: None,
+    style: PrintStyle | None = None,
 ) -> list[Finished]:
     """Make items into a folder, and the page over all that the folder holds.
 
@@ -85,6 +88,8 @@ def reproduce(
         Make also what is there already.
     report : callable
         Called with an item before it is made, and with the item and its result behind it.
+    style : PrintStyle or None
+        Of figures that are printed too; an item is made again where it has none in this format.
 
     Raises
     ------
@@ -96,11 +101,12 @@ def reproduce(
         try:
             for item in items:
                 report(item, None)
-                kept = None if again else _read_current(folder / item.name)
+                is_printed = style is None or any((folder / item.name).glob(f"*.{style.form}"))
+                kept = None if again or not is_printed else _read_current(folder / item.name)
                 done = (
                     Finished(item.name, str(kept["result"]), kept, True)
                     if kept
-                    else _make(item, folder / item.name)
+                    else _make(item, folder / item.name, style)
                 )
                 found.append(done)
                 report(item, done)
@@ -182,7 +188,7 @@ def record_of(found: Sequence[Finished], date: str) -> dict[str, Any]:
     }
 
 
-def _make(item: Item, place: Path) -> Finished:
+def _make(item: Item, place: Path, style: PrintStyle | None = None) -> Finished:
     """Make an item and write its folder; an item that cannot be made says why."""
     begin = time.process_time()
     document: dict[str, Any] = {
@@ -209,6 +215,9 @@ def _make(item: Item, place: Path) -> Finished:
         if outcome is not None:
             for name, figure in outcome.figures.items():
                 save_figure(figure, stage / f"{name}.png")
+                printed = {} if style is None else printed_figure(figure, name, style)
+                for file, content in printed.items():
+                    write_bytes(stage / file, content)
             for name, rows in outcome.tables.items():
                 write_text(stage / f"{name}.csv", _csv(rows))
             write_text(stage / ROWS_FILE, _csv(document["rows"]))

@@ -54,6 +54,9 @@ def test_reproduce_goes_on_where_it_ended(tmp_path: Path, capsys: pytest.Capture
     assert main(["reproduce", "tweddle-table-1.1", "-o", out]) == 0
     assert "tweddle-table-1.1: agrees (kept)" in capsys.readouterr().out
     assert (tmp_path / "out/reproduce.html").exists()
+    assert main(["reproduce", "tweddle-table-1.1", "-o", out, "--format", "pdf", "--width", "84"]) == 0
+    assert "(kept)" not in capsys.readouterr().out
+    assert any((tmp_path / "out/tweddle-table-1.1").glob("*.pdf"))
     assert main(["reproduce", "list"]) == 0
     assert "tweddle-figure-2-10" in capsys.readouterr().out
 
@@ -62,6 +65,7 @@ def test_reproduce_goes_on_where_it_ended(tmp_path: Path, capsys: pytest.Capture
     ("words", "told"),
     [
         (["threshold", "--mass", "-3"], "--mass"),
+        (["reproduce", "list", "--width", "84"], "--format"),
         (["threshold", "--mass-fraction", "2.9"], "--mass-fraction"),
         (["polhode", "--rate-rpm", "0", "0", "0"], "give a rate"),
         (["polhode", "--moments", "1", "0", "2"], "--moments"),

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-from spinfilters.cli.command import Command
+from spinfilters.cli.command import Command, Panels, PrintWidth
 from spinfilters.cli.common_options import PrintingOptions, print_document
+from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument
 
 
@@ -29,6 +30,12 @@ class ReproduceArguments:
         str | None,
         Argument("also write a summary with date and hash of the code", metavar="FILE"),
     ] = None
+    format: Annotated[
+        Literal["svg", "pdf"] | None,
+        Argument("print the figures for a paper too, in this file format"),
+    ] = None
+    panels: Panels = False
+    width: PrintWidth = None
 
 
 def reproduce_items(options: ReproduceArguments) -> int:
@@ -39,10 +46,14 @@ def reproduce_items(options: ReproduceArguments) -> int:
 
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import write_json
+    from spinfilters.plots.printing import PrintStyle
     from spinfilters.reproduction.item import Item
     from spinfilters.reproduction.items import ITEMS, chosen_items
     from spinfilters.reproduction.results import FAILED, PAGE_FILE, Finished, counted, record_of, reproduce
 
+    if options.format is None and (options.panels or options.width is not None):
+        raise InputError("--panels and --width are of printed figures; give their --format")
+    style = None if options.format is None else PrintStyle(options.format, options.width, options.panels)
     console = wide_console()
     if options.names == ("list",):
         table = Table("name", "printed as", "what it shows", "about")
@@ -64,7 +75,7 @@ def reproduce_items(options: ReproduceArguments) -> int:
             kept = " (kept)" if done.kept else f", {done.document['processor_s']:.0f} s"
             console.print(f"{item.name}: {done.agreement}{kept}", highlight=False)
 
-    found = reproduce(items, folder, options.again, report)
+    found = reproduce(items, folder, options.again, report, style)
     if options.record is not None:
         write_json(Path(options.record), record_of(found, datetime.now(UTC).isoformat(timespec="seconds")))
     documents = [each.document for each in found]

@@ -406,7 +406,7 @@ def make_fused_recordings(count: int = 6) -> ItemResult:
     counts, std, nees = [*range(1, count + 1)], [], []
     for each in counts:
         fused = fuse_inertias(beliefs[:each], MASS_DISTRIBUTION.prior_std).belief
-        off = fused.whitened(fused.layout.local(fused.mean, true))
+        off = fused.whitened(fused.layout.local(fused.mean, true)[:, np.newaxis])[:, 0]
         std.append(float(np.sqrt(np.mean(np.sum(fused.factor**2, axis=1)))))
         nees.append(float(off @ off))
     rows = [

@@ -192,13 +192,13 @@ def _figures(
         linestyle=":",
         label="both apart",
     )
-    upper.set_ylabel("attitude off the metrology [deg]")
-    lower.set_ylabel("rate off the metrology [deg/s]")
+    upper.set_ylabel("attitude [deg]")
+    lower.set_ylabel("rate [deg/s]")
     lower.set_xlabel("time from the common state [s]")
     for axes in (upper, lower):
         axes.set_ylim(bottom=0.0)
         tidy(axes)
-    figure.suptitle("two inertias from one state of the metrology")
+    figure.suptitle("two inertias from one state of the metrology: how far off it")
     legend_below(figure, upper.get_legend_handles_labels()[0])
     return {"errors": figure}
 
