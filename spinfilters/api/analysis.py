@@ -44,6 +44,12 @@ MOST_TURNS: Final = 100
 """Revolutions between epochs, at most: the motion is integrated step by step."""
 
 
+SIMULATED_SENSORS: Final = (
+    "The following bounds are of simulated measurements, of the sensors of the recording too: as many epochs, its median interval "
+    "apart."
+)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ObservabilityResult:
     """Result of an observability analysis; printed, it is the text of ``spinfilters observe``.
@@ -141,7 +147,11 @@ class ObservabilityResult:
 
     def __str__(self) -> str:
         lines = list(self.report.sentences)
-        return "\n".join(lines if self.further is None else [*lines, *self.further.sentences])
+        if self.further is None:
+            return "\n".join(lines)
+        if self.report.recording:
+            lines.append(SIMULATED_SENSORS)
+        return "\n".join([*lines, *self.further.sentences])
 
     __repr__ = __str__
 

@@ -10,10 +10,12 @@ from observability.analysis_report import Report
 from observability.canonical_motions import CanonicalMotion, motion
 from observability.cases import Case, Levels
 from observability.cramer_rao import bounded_quantities, cramer_rao_bound
+from observability.further_sensors import further_sensors
 from observability.prior_dependence import quantity_bounds
 from observability.reference_trajectory import ReferenceTrajectory, SensorSchedule
 from observability.system import analysed
 from spinfilters.api.analysis import MOST_EPOCHS, ObservabilityResult, stated_deviations
+from spinfilters.api.arguments import ObserveArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.comparison import given_dataset
 from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
@@ -23,7 +25,7 @@ from spinfilters.core.mass_distribution import inertia_matrix
 from spinfilters.evaluation.recording_bound import landmarks_at
 from spinfilters.filters.timeline import SensorEpochs, by_sensor, times_of
 from spinfilters.inference.setup import Setup
-from spinfilters.io.argument_checks import called, checked_arguments, one_of, optional
+from spinfilters.io.argument_checks import called, checked_arguments, one_of, optional, truth
 from spinfilters.io.dataset import Dataset
 from spinfilters.models.camera_landmarks import MOVING
 from spinfilters.models.sensor_registry import sensor_of
@@ -50,6 +52,7 @@ NO_MOTION: Final = (
 
 @checked_arguments(
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
+    further=truth,
     settings=optional(SETTINGS_GIVEN),
     progress=called,
 )
@@ -59,6 +62,7 @@ def observe_recording(
     settings: AnySettings | None = None,
     segment: int | str | None = None,
     *,
+    further: bool = ObserveArguments.further,
     progress: Progress = silent,
 ) -> ObservabilityResult:
     """What a recording can determine: rank and bound at the smoother's estimate of it.
@@ -73,6 +77,9 @@ def observe_recording(
         As `compare` takes them.
     segment : int, str or None
         Of a recording, see `load`.
+    further : bool
+        Whether each further kind of sensor is added to those of the recording, one at a time, to see which helps most. All are
+        simulated then: at as many epochs, the recording's median interval apart, about the motion in its middle.
     progress : Callable[[str, int, int], None]
         Called with what is being done, steps done and steps in all.
 
@@ -87,7 +94,12 @@ def observe_recording(
         What `compare` refuses; a recording in which the smoother finds no motion, or of more than 5000 epochs.
     """
     chosen = Settings() if settings is None else chosen_settings(settings)
-    return ObservabilityResult(recording_report(given_dataset(data, segment), chosen, progress))
+    report = recording_report(given_dataset(data, segment), chosen, progress)
+    if not further:
+        return ObservabilityResult(report)
+    time = report.reference.time
+    interval = float(np.median(np.diff(time)))
+    return ObservabilityResult(report, further_sensors(report.case, len(time), interval, progress))
 
 
 def recording_report(dataset: Dataset, settings: Settings, progress: Progress) -> Report:

@@ -30,6 +30,7 @@ from spinfilters.evaluation.trajectory_errors import body_errors, truth_errors
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, RunsTaken, SensorTimeline
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.filters.timeline import MOST_TOGETHER, rehearse, sensors_of, times_of
+from spinfilters.inference.estimator_entry import begin_with_first_epoch
 from spinfilters.inference.setup import Setup
 from spinfilters.io.truth import Truth
 from spinfilters.models.body import bodies_of
@@ -137,7 +138,7 @@ class _Batch:
         if taken is None:
             return [self._runner.row(run) for run in self._runs]
         spent["estimate"] = time.process_time() - begin - sum(spent.values())
-        whole = np.flatnonzero(taken.done == len(setup.timeline) - 1)
+        whole = np.flatnonzero(taken.done == len(setup.timeline))
         evaluations = _evaluations(
             self._cell.estimator, setup, simulated, mean, taken, whole, spent["estimate"]
         )
@@ -158,7 +159,7 @@ class _Batch:
             estimator_entries()[name],
             *(build_estimator(name, setup, settings) for _ in range(2)),
         )
-        entry.begin(twin, setup)
+        begin_with_first_epoch(entry, twin, setup)
         rehearse(twin, setup.end_of_initialisation, setup.timeline[1:])
         entry.begin(estimator, setup)
         return estimator
@@ -186,13 +187,14 @@ def _tile_factor(setup: Setup, mean: Float[np.ndarray, "r m"]) -> Float[np.ndarr
 
 
 def _epochs(setup: Setup, simulated: SimulatedRuns) -> EpochRun:
-    """Epochs behind the first belief, with the values of all runs."""
+    """All epochs, with the values of all runs; the first belief holds before the measurements of the first."""
     sensors = []
     for part, stream in zip(sensors_of(setup.timeline), simulated.log.streams, strict=True):
         bound = sensor_of(stream.sensor).bind(stream, setup.process.layout, setup.noise, None)
         every = Measurement(part.every.model, bound.values, bound.parameters)
-        sensors.append(SensorTimeline(every, part.first[1:], part.end[1:]))
-    return EpochRun(np.diff(times_of(setup.timeline)), tuple(sensors))
+        sensors.append(SensorTimeline(every, part.first, part.end))
+    times = times_of(setup.timeline)
+    return EpochRun(np.diff(times, prepend=times[0]), tuple(sensors))
 
 
 def _rows_of(truth: Truth, rows: slice) -> Truth:
@@ -254,10 +256,10 @@ def _evaluations(
 
 
 def _rows_after_first(before: np.ndarray | None, values: np.ndarray) -> np.ndarray:
-    """Rows of each run behind that of its first belief, which counts nothing."""
+    """Rows of each run with its first belief in place of the first, which counts nothing."""
     if before is None:
         before = np.zeros_like(values[:, :1])
-    return np.concatenate([before, values], axis=1)
+    return np.concatenate([before, values[:, 1:]], axis=1)
 
 
 def _history(

@@ -119,9 +119,18 @@ def errors_section(cells: Sequence[CellSummary], varied: Sequence[str], picture:
     tables = []
     for section in (Section.MOTION, Section.BODY):
         errors = [metric for metric in _metrics_shown(cells, section) if metric.bound is not None]
-        head = [*varied, *(part for metric in errors for part in (metric.title, "over bound"))]
+        bounded = {
+            metric for metric in errors if any(cell.over_bound[metric.column_name].count for cell in cells)
+        }
+        head = [
+            *varied,
+            *(part for m in errors for part in (m.title, *(["over bound"] if m in bounded else []))),
+        ]
         rows = [
-            [*_levels(cell, varied), *(part for metric in errors for part in _error_cells(cell, metric))]
+            [
+                *_levels(cell, varied),
+                *(part for m in errors for part in _error_cells(cell, m)[: 1 + (m in bounded)]),
+            ]
             for cell in cells[:MOST_ROWS]
         ]
         tables += [table(head, rows, len(varied))] if errors else []

@@ -139,7 +139,7 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
   for (; done < epochs; ++done) {
     double nis = 0, likelihood = 0;
     integer dof = 0, accepted = 0, rejected = 0, i = 0;
-    if (!predict(f, dt[done], x, S, room)) break;
+    if (dt[done] > 0 && !predict(f, dt[done], x, S, room)) break; /* a belief may be of the first epoch itself */
     /* sensors in turn, each on the state after the one before */
     for (; i < sensors; ++i) {
       const Sensor* s = sensor + i;

@@ -72,7 +72,7 @@ class EpochRun:
     Attributes
     ----------
     dt : ndarray of float, shape (k,)
-        Seconds from the epoch before to each; positive.
+        Seconds from the epoch before to each; positive. In `Estimator.take_in_runs` the first may be zero: the belief holds at it.
     sensors : tuple[SensorTimeline, ...]
         In the order in which each epoch takes them in.
     """

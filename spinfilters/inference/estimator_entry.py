@@ -171,3 +171,23 @@ class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
 
 
 AnyEntry = EstimatorEntry[Any]
+
+
+def begin_with_first_epoch(entry: AnyEntry, estimator: "Estimator", setup: "Setup") -> None:
+    """Let an estimator begin; a filter from a given belief takes in the measurements of its epoch.
+
+    A given belief holds before the measurements of the first epoch. A smoother from it has that epoch among its own, and a belief
+    of smoothed epochs holds their measurements already.
+
+    Parameters
+    ----------
+    entry : EstimatorEntry
+        Of the estimator.
+    estimator : Estimator
+        From its `EstimatorEntry.build`.
+    setup : Setup
+        Of the data set.
+    """
+    entry.begin(estimator, setup)
+    if entry.continues:
+        setup.take_in_first_epoch(estimator)

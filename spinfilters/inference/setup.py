@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.camera_trajectory import CameraTrajectory
-from spinfilters.filters.estimator import LandmarkBelief
+from spinfilters.filters.estimator import Estimator, LandmarkBelief
 from spinfilters.filters.history import EPOCH_ARRAYS
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, times_of
@@ -48,7 +48,8 @@ class Setup:
     sought : Unstated
         What of it is identified, by sensor.
     is_given : bool
-        Whether the initialisation was not made from the data, as in studies of filters alone.
+        Whether the initialisation was not made from the data, as in studies of filters alone: the belief is one before the
+        measurements of the first epoch.
     calibration : tuple[ConsideredDeviation, ...]
         Deviations of the calibration that are considered.
     inflation : Mapping[str, float]
@@ -96,6 +97,17 @@ class Setup:
     def end_of_initialisation(self) -> float:
         """Time of the last epoch of the initialisation, s."""
         return self.timeline[len(self.initial.mean) - 1].time
+
+    def take_in_first_epoch(self, estimator: Estimator) -> None:
+        """Update an estimator that begins from a given belief by the measurements of its epoch; else do nothing.
+
+        Parameters
+        ----------
+        estimator : Estimator
+            Started with the belief.
+        """
+        if self.is_given:
+            estimator.update_all(self.timeline[0].measurements)
 
     @property
     def observations(self) -> Int[np.ndarray, " n"]:

@@ -331,6 +331,7 @@ def _rehearse_at_once(setup: Setup, settings: Settings) -> None:
 def _initialised_ekf(setup: Setup, settings: Settings) -> MultiplicativeEkf:
     ekf = MultiplicativeEkf(setup.process, settings.robust)
     ekf.start(setup.initial.belief)
+    setup.take_in_first_epoch(ekf)
     return ekf
 
 

@@ -4,8 +4,18 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-_FRAMES = re.compile(r"^([wapq])_[A-Z]{1,3}(?:_[A-Z])?_([xyzw])\b(.*)$")
-"""Quantities with their frames, as EuRoC writes them: w_RS_S_x, p_RS_R_x, q_RS_w."""
+_FRAMES = re.compile(r"^([wapq]|omega)_[A-Z]{1,3}(?:_[A-Z])?_([xyzw])\b(.*)$")
+"""Quantities with their frames, as EuRoC and Basilisk write them: w_RS_S_x, p_RS_R_x, q_RS_w, omega_BN_B_x."""
+_SPELLED: Final = (
+    (re.compile(r"^Shimmer_[0-9A-Fa-f]{4}_(.+)_CAL\b(.*)$"), r"\1\2"),
+    (re.compile(r"^(\w+)\.ElapsedSecs$"), "time (s)"),  # GMAT
+    (re.compile(r"^\w+\.AngularVelocity([XYZ])$"), r"gyro_\1 (deg/s)"),  # GMAT, whose rates are in degrees
+    (re.compile(r"^([XYZ]) Gyro \[x[0-9A-Fa-f]{4}\]$"), r"omega_\1"),  # MicroStrain, rad/s
+    (re.compile(r"^([XYZ]) Accel \[x[0-9A-Fa-f]{4}\]$"), r"acc_\1 (g)"),
+    (re.compile(r"^GPS TOW$"), "time (s)"),
+    (re.compile(r"^([xyz])-axis\b(.*)$"), r"\1\2"),  # MetaWear
+)
+"""Names of single columns, and what they say here."""
 _BIAS = re.compile(r"^b_[wa]_[A-Z]{1,3}")
 """Biases that EuRoC states with its poses: b_w_RS_S_x; they are no rates of the body."""
 _AXES: Final[tuple[tuple[tuple[str, str, str], str], ...]] = (
@@ -20,6 +30,8 @@ _AXES: Final[tuple[tuple[tuple[str, str, str], str], ...]] = (
     (("vel_ang_x", "vel_ang_y", "vel_ang_z"), "omega"),
     (("xyz[0]", "xyz[1]", "xyz[2]"), ""),
 )
+_VICON: Final = {**{f"r{axis}": f"q{axis}" for axis in "xyzw"}, **{f"t{axis}": f"p{axis}" for axis in "xyz"}}
+"""Quaternion and position of an object, as Vicon calls them."""
 """Names about x, y, z, and the stem that they have here; omega is in rad/s by convention, gyro in no unit."""
 _ARDUPILOT: Final = ("GyrX", "GyrY", "GyrZ")
 """In rad/s where the clock is TimeUS."""
@@ -29,8 +41,15 @@ _PX4_QUATERNION: Final = ("q[0]", "q[1]", "q[2]", "q[3]")
 
 def understood_names(names: Sequence[str]) -> list[str]:
     """The names of columns, in the words by which their headings are understood; those of other loggers as they are."""
+    if (
+        "__time" in names
+    ):  # PlotJuggler's clock; its other names are paths of topics, and stamps within their messages
+        names = ["" if "/stamp" in name else name.lstrip("/").replace("/", ".") for name in names]
     found = [_without_frames(name) for name in names]
     bare = {_plain(name): k for k, name in enumerate(found)}
+    if set(_VICON) <= set(bare):
+        for name, meaning in _VICON.items():
+            found[bare[name]] = meaning + found[bare[name]][len(name) :]
     for trio, stem in _AXES:
         if all(name in bare for name in trio):
             for name, axis in zip(trio, "xyz", strict=True):
@@ -55,6 +74,9 @@ def understood_names(names: Sequence[str]) -> list[str]:
 
 
 def _without_frames(name: str) -> str:
+    for pattern, meaning in _SPELLED:
+        if pattern.match(name.strip()):
+            return pattern.sub(meaning, name.strip())
     if _BIAS.match(name.strip()):
         return ""
     matched = _FRAMES.match(name.strip())

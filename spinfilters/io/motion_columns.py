@@ -24,7 +24,8 @@ _RATE_UNITS = {
     **dict.fromkeys(("rad/s", "rads", "radps", "radpers", "rads-1", "rads^-1", "1/s", "s-1"), "rad/s"),
     **dict.fromkeys(("mrad/s", "mradps", "mrads"), "mrad/s"),
     **dict.fromkeys(
-        ("deg/s", "degs", "dps", "degps", "degrees/s", "degree/s", "°/s", "degpers", "degreespers"), "deg/s"
+        ("deg/s", "degs", "d/s", "dps", "degps", "degrees/s", "degree/s", "°/s", "degpers", "degreespers"),
+        "deg/s",
     ),
     **dict.fromkeys(("mdps", "mdeg/s"), "mdeg/s"),
     **dict.fromkeys(("rpm", "1/min"), "rpm"),
@@ -39,7 +40,7 @@ _LENGTH_UNITS = {"m": "m", "mm": "mm", "cm": "cm"}
 _BRACKETS = re.compile(r"\s*[(\[]\s*([^()\[\]]*?)\s*[)\]]\s*$")
 _TIME_WORD = re.compile(
     r"(?:t|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
-    r"system|local|sample|monotonic|field)"
+    r"system|local|sample|monotonic|field|start|in)"
 )
 _INDEXED = re.compile(r"(.*?)[\[_.]?([012])\]?$")
 _SI_RATE = r"wb?|om(?:ega)?|rates?|bodyrates?|ang(?:ular)?rates?|ang(?:ular)?vel(?:ocity)?"

@@ -4,15 +4,20 @@ import os
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from spinfilters.core.attitude_conversions import quaternion_from_matrix
+from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
 from spinfilters.io.dataset_reader import StatedReader
-from spinfilters.io.input_file import printable
-from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.input_file import path_text, printable
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.motion_columns import Quantity
 from spinfilters.io.motion_table import MotionTable, read_motion_table
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
 from spinfilters.io.sensor_tables import TUM_COLUMNS, read_tum
-from spinfilters.io.text_table import PREAMBLE_LINES
+from spinfilters.io.stated_values import ReadingOptions, to_state
+from spinfilters.io.text_table import PREAMBLE_LINES, read_blank_separated
 from spinfilters.io.truth import TRUTH_TABLE
 
 _SUFFIXES = (".csv", ".tsv")
@@ -36,8 +41,62 @@ class MotionFileReader(StatedReader):
         return suffix in _SUFFIXES or (suffix in _TEXTS and not _is_poses_alone(path))
 
     def read(self, path: Path, segment: int | None) -> Dataset:
-        """Data set of the table; its columns are known by their names."""
+        """Data set of the table; its columns are known by their names, those of KITTI's poses by their number."""
+        if self.options.columns is None and (poses := read_transforms(path, self.options)) is not None:
+            return motion_dataset(path, path.name, poses)
         return motion_dataset(path, path.name, read_motion_table(path, self.options, bare_quantity(path)))
+
+
+_TRANSFORM: Final = 12
+
+
+def read_transforms(path: Path, options: ReadingOptions) -> MotionTable | None:
+    """Poses as KITTI writes them: twelve numbers a row, [R_ib t] row by row, in m and without a clock; None of another table.
+
+    Parameters
+    ----------
+    path : Path
+        The table.
+    options : ReadingOptions
+        Have to state the rate.
+
+    Raises
+    ------
+    InputError
+        No rate; a matrix that is no rotation.
+    """
+    if _first_cells(path) != _TRANSFORM:
+        return None
+    if options.rate is None:
+        raise InputError(
+            f"{path_text(path)}: twelve numbers a row are poses without a clock, as KITTI's; give {to_state('rate', 'HZ')}"
+        )
+    options.require_only(("rate",), "a table of poses without a clock")
+    table = read_blank_separated(path, [f"T{row}{column}" for row in range(3) for column in range(4)])
+    matrices = table.values.reshape(-1, 3, 4)
+    R = matrices[:, :, :3]
+    # R R' = 1 and det R = 1, to the digits of a text
+    away = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    wrong = np.flatnonzero((away > _ROTATION_ERROR) | (np.linalg.det(R) < 0))
+    if wrong.size:
+        raise table.error(int(wrong[0]), "is no rotation and place [R t]; correct or delete the line")
+    time = np.arange(len(R)) / options.rate
+    stream = MeasurementStream("pose", time, np.column_stack([matrices[:, :, 3], quaternion_from_matrix(R)]))
+    return MotionTable(stream, None, (f"clock of {options.rate:g} Hz as stated",))
+
+
+_ROTATION_ERROR: Final = 1e-3
+
+
+def _first_cells(path: Path) -> int:
+    """How many numbers between blanks the first line holds; 0 of words."""
+    try:
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:
+            cells = stream.readline(_HEAD).split()
+        [float(cell) for cell in cells]
+    except (OSError, ValueError):
+        return 0
+    return len(cells)
 
 
 def bare_quantity(path: Path) -> Quantity | None:

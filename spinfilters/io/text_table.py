@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -49,6 +49,13 @@ _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])
 """Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
 _LARGEST_ID = 2.0**53  # above it float64 does not distinguish whole numbers
 _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
+
+
+class _NumberedLine(NamedTuple):
+    """A line with its number in the file, from 1."""
+
+    number: int
+    text: str
 
 
 @dataclass(frozen=True)
@@ -251,18 +258,23 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     require_text_table(path, encoding)
     # no cell is known before the header is found, so that delimiters alone leave a line empty
     preamble = TableLayout((), encoding, header_line=0, comments=COMMENTS)
-    held: list[tuple[int, str]] = []
+    held: list[_NumberedLine] = []
     marked: tuple[int, str] | None = None  # the comment in front of the first numbers may be their header
     for number, raw in _data_lines(path, replace(preamble, comments=())):
         if number > PREAMBLE_LINES:
             break
         if line := preamble.content(raw):
-            held.append((number, line))
+            held.append(_NumberedLine(number, line))
         elif not any(_is_numbers(each) for _, each in held):
             marked = (number, raw.strip().lstrip("#").strip())
     if stated:
-        number, line = next((each for each in held if _is_numbers(each[1])), (0, ""))
+        number, line = next((each for each in held if _has_stated(each[1], stated)), (0, ""))
+        if not number:
+            number, line = next((each for each in held if _is_numbers(each[1])), (0, ""))
         return _stated_layout(path, tuple(stated), number, line, encoding)
+    first = next((k for k, (_, line) in enumerate(held) if _is_row(line)), 0)
+    if first and (above := _header_above(held[:first], held[first][1])):
+        return replace(above, encoding=encoding, comments=COMMENTS)
     for index, (number, line) in enumerate(held):
         found = _header(line, held[index + 1][1] if index + 1 < len(held) else "")
         if found is not None:
@@ -350,6 +362,99 @@ def _header(line: str, below: str) -> TableLayout | None:
     if below and len(below.split(separator)) < min(3, len(names)):
         return None
     return TableLayout(names, delimiter=separator, decimal_comma=_has_decimal_comma(separator, below))
+
+
+_UNITS: Final = re.compile(
+    r"(?:[mun]?s|m?rad|m?deg|[mc]?m|m/s|(?:m?rad|m?deg|d)/s|m?dps|rpm|m?g|m/s\^?2|m/s²)", re.IGNORECASE
+)
+_LENGTHS: Final = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}
+"""Units of length, as motion capture spells them."""
+
+
+def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | None:
+    """Header above the first row of numbers: the last line of as many cells, joined with a line of units and one of groups.
+
+    Motion capture and wearable sensors export several lines of names: of the body, of the quantity, of the axis, of the unit.
+
+    Parameters
+    ----------
+    lines : Sequence[_NumberedLine]
+        All lines above.
+    row : str
+        The first row.
+    """
+    delimiter = max(_DELIMITERS, key=row.count)
+    if delimiter not in row:
+        return None  # blanks separate the words of any sentence
+    width, cells = len(row.split(delimiter)), [_split(line.text, delimiter) for line in lines]
+    rows = [each for each in cells if len(each) == width]
+    if len(cells[-1]) != width:
+        return None
+    units = [""] * width
+    if len(rows) > 1 and _are_units(rows[-1]):
+        units = [_bare_unit(cell) for cell in rows.pop()]
+    place = len(rows) - 1
+    while place > 0 and len(set(filter(None, rows[place]))) < 3:  # such as types of the columns
+        place -= 1
+    names = rows[place]
+    if sum(map(bool, names)) < 3 or not any(each.isalpha() for name in names for each in name):
+        return None
+    if len(set(filter(None, names))) < sum(map(bool, names)) and place:  # X, Y, Z of several groups
+        names = [f"{group} {name}".strip() for group, name in zip(rows[place - 1], names, strict=True)]
+        length = _stated_length(lines)
+        names = [f"{name} ({length})" if length and name.startswith("Position ") else name for name in names]
+    names = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
+    return TableLayout(
+        tuple(names),
+        header_line=lines[-1].number,
+        delimiter=delimiter,
+        decimal_comma=_has_decimal_comma(delimiter, row),
+    )
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    """Cells of a line of words, without quotes; none of a line that is no such line."""
+    try:
+        return [cell.strip() for cell in next(csv.reader([line.lstrip().lstrip("%")], delimiter=delimiter))]
+    except csv.Error:
+        return []
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Whether at least half of the cells that hold something are units."""
+    held = [_bare_unit(cell) for cell in cells if cell]
+    return 2 * sum(_UNITS.fullmatch(cell) is not None for cell in held) >= max(len(held), 1)
+
+
+def _bare_unit(cell: str) -> str:
+    """A unit without brackets."""
+    return re.sub(r"[()\[\]]", "", cell)
+
+
+def _stated_length(lines: Sequence[_NumberedLine]) -> str:
+    """Unit behind the words "Length Units" above a header; empty without them."""
+    for _, line in lines:
+        cells = _split(line, ",")
+        if "Length Units" in cells[:-1]:
+            return _LENGTHS.get(cells[cells.index("Length Units") + 1].lower(), "")
+    return ""
+
+
+def _is_row(line: str) -> bool:
+    """Whether a line is a row of at least three numbers whose first cell is one."""
+    return (
+        _is_numbers(line)
+        and line.lstrip(" ")[:1] not in _DELIMITERS
+        and len(re.split(r"[\s,;|]+", line.strip())) >= 3
+    )
+
+
+def _has_stated(line: str, names: Sequence[str]) -> bool:
+    """Whether a line has as many cells as columns are stated, with a number in each that is not left out."""
+    delimiter = max(_DELIMITERS, key=line.count)
+    cells = _split(line, delimiter) if delimiter in line else line.split()
+    chosen = [cell for cell, name in zip(cells, names, strict=False) if name != "-"]
+    return len(cells) == len(names) and bool(chosen) and all(map(_is_numbers, chosen))
 
 
 def _has_decimal_comma(delimiter: str | None, line: str) -> bool:

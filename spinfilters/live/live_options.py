@@ -7,6 +7,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.filters.estimator import Estimator, Measurement, ProcessModel
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import REHEARSED, Timeline
+from spinfilters.inference.estimator_entry import begin_with_first_epoch
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.inference.smoother_run import begin_after_initialisation, sliding_smoother
 from spinfilters.io.dataset import Dataset
@@ -109,7 +110,7 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> LiveSetup:
     entry = estimator_entries()[name]
     estimator = entry.build(setup, settings)
     assert estimator is not None
-    entry.begin(estimator, setup)
+    begin_with_first_epoch(entry, estimator, setup)
     models = _models(setup)
     bind, first = _binding(setup, models), _first_smoother(setup, settings)
     for stream in dataset.log.streams:

@@ -265,7 +265,7 @@ class Conditions:
         if self.belief_at is not None:
             first.append(
                 f"Every estimator starts from the stated belief at t = {clock_text(self.belief_at)} s; "
-                "no first epochs are smoothed."
+                "no first epochs are smoothed. It holds before the measurements of that epoch, which all of them use."
             )
         return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 

@@ -26,7 +26,7 @@ from spinfilters.evaluation.recording_bound import Bounding, with_bounds
 from spinfilters.filters.estimator import Estimator
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_interruptible
-from spinfilters.inference.estimator_entry import AnyEntry
+from spinfilters.inference.estimator_entry import AnyEntry, begin_with_first_epoch
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import NAME as SMOOTHER
 from spinfilters.inference.smoother_run import smooth_and_sample, with_samples
@@ -278,7 +278,7 @@ def _run_epochs(
     if not len(rest):
         raise InputError(f"{setup.dataset.name}: {NO_EPOCH_LEFT}")
     store = observers.store_of(name)
-    entry.begin(estimator, setup)
+    begin_with_first_epoch(entry, estimator, setup)
     checkpoint = store.resume(estimator)
     record = (
         GrowingHistory(estimator.layout, setup.end_of_initialisation)
@@ -290,7 +290,7 @@ def _run_epochs(
     if checkpoint is not None and checkpoint.status is not None:
         return record.ended(name, checkpoint.status), record
     if len(record) < len(rest):
-        entry.begin(twin, setup)
+        begin_with_first_epoch(entry, twin, setup)
         observers.rehearsing(twin, setup.end_of_initialisation, rest)
     with store.running(estimator, record) as save_checkpoint:
 

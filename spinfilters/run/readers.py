@@ -7,6 +7,7 @@ from typing import Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins, require_made
+from spinfilters.io.ardupilot_log import ArduPilotLogReader
 from spinfilters.io.array_exports import ArrayExportReader
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import DatasetFolderReader, OtherFolderReader, SensorTableReader
@@ -169,6 +170,7 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     MotionFileReader(),
     ArrayExportReader(),
     Px4LogReader(),
+    ArduPilotLogReader(),
     LoggerFolderReader(),
     PhoneExportReader(),
     PhyphoxReader(),

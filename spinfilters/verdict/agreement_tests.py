@@ -156,6 +156,7 @@ def _predict_history(setup: Setup, settings: Settings, belief: Gaussian | Landma
     first = len(setup.initial.mean)
     ekf = MultiplicativeEkf(setup.process, settings.robust, landmarks=settings.landmarks)
     ekf.start(belief)
+    setup.take_in_first_epoch(ekf)
     return run(ekf, setup.end_of_initialisation, setup.timeline[first : first + MOST_EPOCHS])
 
 

@@ -16,7 +16,7 @@ from spinfilters.core.errors import NUMERICAL_ERRORS
 from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.timeline import LogTimeline, Timeline, run, times_of
-from spinfilters.inference.estimator_entry import AnyEntry
+from spinfilters.inference.estimator_entry import AnyEntry, begin_with_first_epoch
 from spinfilters.inference.noise_choice import PRIOR
 from spinfilters.inference.setup import Setup
 from spinfilters.io.consider_parameter import ConsideredDeviation, ConsiderParameter, Displaced
@@ -207,7 +207,7 @@ class CalibrationErrors:
             belief = replace(belief.joint, points=belief.joint.points + landmarks)
         moved = replace(setup, timeline=timeline, initial=initial, belief=belief)
         estimator = entry.build(moved, self.settings)
-        entry.begin(estimator, moved)
+        begin_with_first_epoch(entry, estimator, moved)
         found = run(estimator, moved.end_of_initialisation, timeline[len(mean) :])
         return None if found.has_failed else found.mean
 

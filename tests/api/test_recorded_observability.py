@@ -49,6 +49,17 @@ def test_a_stated_belief_is_the_bounds_prior() -> None:
     assert found.report.bound.std[-1, layout.slice("s")].max() < 0.0101
 
 
+def test_a_further_sensor_is_added_to_those_of_a_recording() -> None:
+    found = spinfilters.observe_recording(
+        spinfilters.simulate("gyro", frames=12, rate_rpm=RICH), further=True
+    )
+    assert found.further is not None
+    assert found.further.stated.case.sensors == ("gyro",)
+    gains = {each.name: each.becomes_determined for each in found.further.sensors}
+    assert gains["pose"]
+    assert "simulated measurements" in str(found)
+
+
 @pytest.mark.usefixtures("unrendered")
 def test_the_command_answers_the_same(tmp_path: Path) -> None:
     dataset = tmp_path / "gyro"

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import spinfilters
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
 
 COUNT = 40
@@ -331,6 +332,123 @@ def rosbag(folder: Path) -> Path:
     return path
 
 
+DEGREES = np.degrees(RATES)
+
+
+def optitrack(folder: Path) -> Path:
+    head = "Format Version,1.23,Take Name,Take 1,Capture Frame Rate,50.000000,Rotation Type,Quaternion,Length Units,Millimeters\n\n"
+    for cell in ("Rigid Body", "Body", "4F1E"):
+        head += ",," + ",".join([cell] * 8) + "\n"
+    head += ",,Rotation,Rotation,Rotation,Rotation,Position,Position,Position,Mean Marker Error\n"
+    head += "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,\n"
+    rows = [(k, t, *TURN[k], *(1e3 * PLACE[k]), 0.3) for k, t in enumerate(TIME)]
+    return text(folder / "Take 001.csv", head, rows)
+
+
+def androsensor(folder: Path) -> Path:
+    head = "sep=;\nACCELEROMETER X (m/s²);ACCELEROMETER Y (m/s²);ACCELEROMETER Z (m/s²);GYROSCOPE X (rad/s);GYROSCOPE Y (rad/s);"
+    head += "GYROSCOPE Z (rad/s);LIGHT (lux);Time since start in ms ;YYYY-MO-DD HH-MI-SS_SSS\n"
+    rows = [
+        (0.1, 0.2, 9.8, *rate, 90, 20 * k, f"2024-01-01 10:00:00:{k:03d}") for k, rate in enumerate(RATES)
+    ]
+    return text(folder / "AndroSensor.csv", head, rows, ";")
+
+
+def shimmer(folder: Path) -> Path:
+    names = ["Timestamp_Unix", *(f"Gyro_{axis}" for axis in "XYZ"), *(f"Accel_LN_{axis}" for axis in "XYZ")]
+    head = "sep=\t\n" + "".join(f"Shimmer_72C5_{name}_CAL\t" for name in names)
+    head += "\nms\tdeg/s\tdeg/s\tdeg/s\tm/(s^2)\tm/(s^2)\tm/(s^2)\t\n"
+    rows = [(1403636579763.5 + 20 * k, *rate, 0.1, 0.2, 9.8, "") for k, rate in enumerate(DEGREES)]
+    return text(folder / "Session1_Shimmer_72C5_Calibrated_SD.csv", head, rows, "\t")
+
+
+def metawear(folder: Path) -> Path:
+    head = "epoc (ms),timestamp (+0000),elapsed (s),x-axis (deg/s),y-axis (deg/s),z-axis (deg/s)\n"
+    rows = [
+        (1403636579763 + 20 * k, f"2014-06-24T19:02:59.{k:03d}", f"{0.02 * k:.3f}", *rate)
+        for k, rate in enumerate(DEGREES)
+    ]
+    return text(folder / "MetaWear_Gyroscope_50.000Hz_1.5.0.csv", head, rows)
+
+
+def gmat(folder: Path) -> Path:
+    head = "Sat.ElapsedSecs      Sat.AngularVelocityX      Sat.AngularVelocityY      Sat.AngularVelocityZ      \n"
+    return text(folder / "ReportFile1.txt", head, np.column_stack([TIME, DEGREES]).tolist(), "     ")
+
+
+def microstrain(folder: Path) -> Path:
+    head = "HEADER_START\nDevice,3DM-GX5\nHEADER_END\nDATA_START\nGPS TFlags,GPS Week,GPS TOW,"
+    head += (
+        ",".join([*(f"{axis} Accel [x8004]" for axis in "XYZ"), *(f"{axis} Gyro [x8005]" for axis in "XYZ")])
+        + "\n"
+    )
+    rows = [(6, 2100, f"{345600 + t:.4f}", 0.1, 0.2, -1.0, *RATES[k]) for k, t in enumerate(TIME)]
+    return text(folder / "GX5.csv", head, rows)
+
+
+def plotjuggler(folder: Path) -> Path:
+    head = (
+        "__time,/imu/angular_velocity/x,/imu/angular_velocity/y,/imu/angular_velocity/z,/imu/header/stamp\n"
+    )
+    rows = [(f"{1403636579.7635 + t:.6f}", *RATES[k], f"{1403636579.76 + t:.6f}") for k, t in enumerate(TIME)]
+    return text(folder / "pj.csv", head, rows)
+
+
+def basilisk(folder: Path) -> Path:
+    np.savez(folder / "bsk.npz", times=(1e9 * TIME).astype(np.int64), omega_BN_B=RATES, sigma_BN=0 * RATES)
+    return folder / "bsk.npz"
+
+
+IMU_FIELDS = "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"
+IMU_REST = (0.1, 0.2, -9.8, 0, 0, 45.2, 1, 1, 1000, 1000)
+
+
+def dataflash_text(folder: Path) -> Path:
+    head = "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n"
+    head += f"FMT, 132, 60, IMU, QBffffffIIfBBHH, {IMU_FIELDS}\nFMT, 133, 15, ATT, Qcc, TimeUS,Roll,Pitch\n"
+    rows: list[tuple[Any, ...]] = [("PARM", 4000000, "SYSID_THISMAV", 1)]
+    for stamp, rate in zip(STAMPS_US, RATES, strict=True):
+        rows += [
+            ("IMU", stamp, 0, *rate, *IMU_REST),
+            ("IMU", stamp, 1, *(2 * rate), *IMU_REST),
+            ("ATT", stamp, 1, 2),
+        ]
+    return text(folder / "00000012.log", head, rows, ", ")
+
+
+def dataflash(folder: Path) -> Path:
+    def described(number: int, size: int, name: bytes, kinds: bytes, fields: bytes) -> bytes:
+        return b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", number, size, name, kinds, fields)
+
+    data = described(128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    data += described(129, 31, b"PARM", b"QNf", b"TimeUS,Name,Value")
+    data += described(132, 54, b"IMU", b"QBffffffIIfBBHH", IMU_FIELDS.encode())
+    data += b"\xa3\x95\x81" + struct.pack("<Q16sf", 1, b"GYRO_RATE", 1.0)
+    for stamp, rate in zip(STAMPS_US, RATES, strict=True):
+        for instance in (0, 1):
+            numbers = (stamp, instance, *((1 + instance) * rate), *IMU_REST)
+            data += b"\xa3\x95\x84" + struct.pack("<QB6fIIfBBHH", *numbers)
+    (folder / "00000012.BIN").write_bytes(data + b"\xa3\x95\x84\x00")
+    return folder / "00000012.BIN"
+
+
+def vicon(folder: Path) -> Path:
+    head = "Objects\n50\n,,body:body,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
+    rows = [(k + 1, 0, *TURN[k], *(1e3 * PLACE[k])) for k in range(COUNT)]
+    return text(folder / "trial01.csv", head, rows)
+
+
+def kitti(folder: Path) -> Path:
+    rows = np.concatenate([matrix_from_quaternion(TURN), PLACE[:, :, np.newaxis]], axis=2).reshape(COUNT, 12)
+    return text(folder / "00.txt", "", rows.tolist(), " ")
+
+
+def gopro(folder: Path) -> Path:
+    head = '"cts","date","Gyroscope [rad/s]","1","2","temperature [°C]"\n'
+    rows = [(20 * k, f"2024-01-01T10:00:00.{k:03d}Z", z, x, y, 40) for k, (x, y, z) in enumerate(RATES)]
+    return text(folder / "GX010001_Hero8-GYRO.csv", head, rows)
+
+
 AS_IT_IS: tuple[Callable[[Path], Path], ...] = (
     *(euroc_imu, euroc_root, euroc_mav0, euroc_truth, euroc_vicon, tum_folder, tum_text),
     *(
@@ -346,11 +464,26 @@ AS_IT_IS: tuple[Callable[[Path], Path], ...] = (
     *(rostopic_echo, rosbag, sensor_logger_json, sensor_logger_csv, phyphox_csv),
     *(npz_named, npz_columns, mat_variables, mat_structure, mat_of_version_7_3, hdf5, parquet),
     *(blanks_with_names, tabs, semicolons, body_rates_in_degrees, roll_rate_in_degrees, motion_capture),
+    *(
+        optitrack,
+        androsensor,
+        shimmer,
+        metawear,
+        gmat,
+        microstrain,
+        plotjuggler,
+        basilisk,
+        dataflash_text,
+        dataflash,
+    ),
 )
-WITH_A_HINT: tuple[tuple[Callable[[Path], Path], dict[str, str], str], ...] = (
+WITH_A_HINT: tuple[tuple[Callable[[Path], Path], dict[str, Any], str], ...] = (
     (p_q_r, {"unit": "rad/s"}, "--unit"),
     (no_header, {"columns": "t,x,y,z", "unit": "deg/s"}, "--columns"),
     (bare_blanks, {"columns": "t,wx,wy,wz"}, "--columns"),
+    (vicon, {"rate": 50.0}, "--rate"),
+    (kitti, {"rate": 50.0}, "--rate"),
+    (gopro, {"columns": "t,-,wz,wx,wy,-", "clock": "ms"}, "clock"),
 )
 
 
@@ -377,14 +510,13 @@ def test_a_recording_of_another_logger_is_read_as_it_is(make: Callable[[Path], P
     ("make", "hint", "asked"), WITH_A_HINT, ids=lambda each: getattr(each, "__name__", "")
 )
 def test_what_a_recording_does_not_say_is_asked_for(
-    make: Callable[[Path], Path], hint: dict[str, str], asked: str, tmp_path: Path
+    make: Callable[[Path], Path], hint: dict[str, Any], asked: str, tmp_path: Path
 ) -> None:
     path = make(tmp_path)
     with pytest.raises(InputError) as refusal:
         spinfilters.load(path)
     assert asked in str(refusal.value)
-    given: Any = hint
-    require_motion(spinfilters.load(path, **given))
+    require_motion(spinfilters.load(path, **hint))
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".mat", ".h5", ".parquet", ".json", ".ulg"])

@@ -40,6 +40,7 @@ def test_the_documentation_tells_the_order_of_the_readers() -> None:
         ("zip", 30),
         ("ros-bag", 40),
         ("px4-log", 42),
+        ("ardupilot-log", 43),
         ("array-export", 45),
         ("other-folder", 90),
         ("motion-table", 95),

@@ -45,6 +45,22 @@ def test_a_filter_begins_at_the_first_epoch_from_the_belief(poses: spinfilters.D
     assert "starts from the stated belief" in said
 
 
+@pytest.mark.parametrize("kind", ["pose", "gyro"])
+def test_filter_and_smoother_use_the_same_measurements(kind: str) -> None:
+    """With one of them less, the last rate of these six epochs would be less certain."""
+    data = spinfilters.simulate(kind, seed=5, frames=6)
+    belief: dict[str, Any] = {"std": {"rate": 0.02, "mass_distribution": 0.02}}
+    if kind == "pose":
+        belief["std"] |= {"position": 0.02, "attitude": 0.02, "velocity": 0.02, "center_of_mass": 0.002}
+    run = spinfilters.compare(data, "mekf,rts,smoother", from_truth=3, belief=belief)
+    last = {name: each.evaluation.history.belief(-1) for name, each in run.items()}
+    for name in ("mekf", "rts"):
+        ours, best = (np.linalg.norm(last[each].factor, axis=1) for each in (name, "smoother"))
+        np.testing.assert_allclose(ours, best, rtol=0.02)
+        away = last[name].layout.local(last["smoother"].mean, last[name].mean)
+        assert np.abs(away / best).max() < 0.02
+
+
 def test_no_smoother_is_called_for_a_filter_from_a_belief(
     poses: spinfilters.Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:

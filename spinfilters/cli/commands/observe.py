@@ -30,7 +30,7 @@ CAMERA_AXES: Final = (
 
 MODEL_OPTIONS: Final = ("model", "output", "execute", "symbols", "solutions")
 """Options that a model's file goes with; all others are of a tumbling body."""
-RECORDING_OPTIONS: Final = ("recording", "segment", "stated", "output")
+RECORDING_OPTIONS: Final = ("recording", "segment", "stated", "output", "further")
 """Options that a recording goes with; all others are of a motion that is asked for."""
 
 
@@ -177,7 +177,9 @@ def _observed_recording(options: ObserveCommandArguments, recording: str) -> "Ob
         options, RECORDING_OPTIONS, "is of a motion that is asked for; leave it out with --recording"
     )
     with progress_bars() as show:
-        return observe_recording(recording, _settings(options), options.segment, progress=show)
+        return observe_recording(
+            recording, _settings(options), options.segment, further=options.further, progress=show
+        )
 
 
 def _title(path: Path, document: Mapping[str, Any]) -> str:
