@@ -187,8 +187,8 @@ CHECKS: Final[tuple[Check, ...]] = (
     Check(
         "first-epochs", ALL, Needs.INITIALISATION,
         "Where the first epochs do not settle on a motion: do they settle without the first 20 % of the recording?",
-        "below 3 %: none of 106 right recordings of gyros, poses and tracks with a map (python -m experiments.named_causes "
-        "--causes none, and .what_holds, .captured_throws)",
+        "below 3 %: none of 106 right recordings of gyros, poses and tracks with a map, of experiments.what_holds, "
+        "experiments.captured_throws and python -m experiments.named_causes --causes none",
         "the first epochs are not one motion with the later ones: they leave {fit:.2g} times their noise, those from "
         "t = {time:.3f} s on {later_fit:.2g} times, as after a contact in the first epochs",
         "begin the recording there (--segment {time:.3f}:)",
