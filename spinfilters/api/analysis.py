@@ -26,6 +26,7 @@ from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
 from spinfilters.io.text_table import read_csv, read_header
 from spinfilters.models.process import THESIS_NOISE
+from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.run.comparison_run import silent
 from spinfilters.run.estimation import Progress
 from spinfilters.settings.run_settings import AUTO, InitialisationOptions, Settings
@@ -267,7 +268,7 @@ def levels_of(settings: Settings) -> Levels:
         Drag, a constant torque, a flywheel or an acceleration in the state, which the analyser does not know.
     """
     process, initial = settings.process, settings.initialisation
-    for name in ("drag", "body_torque", "rotor"):
+    for name in filter(None, (block.switch for block in BLOCKS.values())):
         if getattr(process, name) not in (False, AUTO):
             raise InputError(
                 f"process.{name} is no part of this analysis, which is of free motion; leave it out"

@@ -158,6 +158,10 @@ class StateBlock:
         Of a `Truth`, which is this block's point; "" where the truth does not hold it as such.
     reported : ReportedConstant | None
         How it is shown as a result of its own, None where it is not.
+    switch : str
+        Key of [process] in the settings that gives the state this block; "" of a block that no such key does.
+    switched_by : tuple
+        Values of that key that do.
     """
 
     name: str
@@ -180,6 +184,8 @@ class StateBlock:
     after_gauge_move: Callable[[Expression, Expression, Expression], Expression] | None = None
     truth_field: str = ""
     reported: ReportedConstant | None = None
+    switch: str = ""
+    switched_by: tuple[bool | str, ...] = (True,)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "symbol", self.symbol or self.name)
@@ -207,6 +213,7 @@ ACCELERATION: Final = StateBlock(
     translational=True,
     prior_std=10.0,
     reported=ReportedConstant("acceleration", "acceleration_std"),
+    switch="gravity",
 )
 
 
@@ -222,6 +229,9 @@ DRAG: Final = StateBlock(
     prior_option="drag_std",
     rotation=RotationParameters(1),
     reported=ReportedConstant("drag_per_rad", "drag_std_per_rad", ".2e", ".1e"),
+    switch="drag",
+    # "auto" has been decided where epochs are smoothed, and is quadratic where they are not
+    switched_by=(True, "quadratic", "auto"),
 )
 
 
@@ -269,6 +279,8 @@ LINEAR_DRAG: Final = StateBlock(
     prior_option="linear_drag_std",
     rotation=RotationParameters(1),
     reported=ReportedConstant("linear_drag_per_s", "linear_drag_std_per_s", ".2e", ".1e"),
+    switch="drag",
+    switched_by=("linear",),
 )
 
 
@@ -401,6 +413,7 @@ ROTOR: Final = StateBlock(
     rotation=RotationParameters(3),
     after_gauge_move=vector_after_gauge_move,
     reported=ReportedConstant("rotor_momentum", "rotor_momentum_std"),
+    switch="rotor",
 )
 
 
@@ -416,6 +429,7 @@ TORQUE: Final = StateBlock(
     rotation=RotationParameters(3),
     after_gauge_move=vector_after_gauge_move,
     reported=ReportedConstant("body_torque", "body_torque_std"),
+    switch="body_torque",
 )
 
 

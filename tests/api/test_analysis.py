@@ -115,6 +115,7 @@ def test_a_table_that_holds_no_inputs_is_refused(tmp_path: Path, text: str, says
     ("arguments", "says"),
     [
         ({"settings": {"process": {"drag": True}}}, "process.drag is no part of this analysis"),
+        ({"sensors": "pose", "settings": {"process": {"gravity": True}}}, "process.gravity is no part"),
         ({"sensors": "pose", "settings": {"initialisation": {"gyro_bias_std": 0.1}}}, "--chart filter"),
     ],
 )
