@@ -4,7 +4,8 @@
 
 Every draw has a recording and a belief of its own, whose error is drawn about the truth with the stated deviations
 (``initialisation.from_truth``). The noise is stated. The table has the mean NEES per degree of freedom at the second and the last
-epoch, with the band that holds 99 % of such means of consistent estimates. ``-o`` keeps a line of JSON for each estimate.
+epoch, with the band that holds 99 % of such means of consistent estimates; of a gyro it is that of rate and
+moments. ``-o`` keeps a line of JSON for each estimate.
 """
 
 import argparse
@@ -42,7 +43,7 @@ def rows_of(seed: int, sensor: str, frames: int) -> Iterator[dict[str, Any]]:
     belief = InitialisationOptions(from_truth=True, draw=seed, std=dict(STD))
     settings = Settings(estimators=ESTIMATORS, verdict="filter", initialisation=belief)
     for evaluation in compare_dataset(dataset, settings).evaluations:
-        nees = evaluation.nees
+        nees = evaluation.rotation_nees if evaluation.nees is None else evaluation.nees
         if nees is None:
             continue
         found = {name: float(nees.total[row]) for name, row in EPOCHS.items()}
