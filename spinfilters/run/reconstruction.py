@@ -22,6 +22,8 @@ from spinfilters.io.ply_files import write_ply
 from spinfilters.models.status import CENTRE, POSITION, Holds
 from spinfilters.plots.figures import FigureData
 from spinfilters.run.run_folder import (
+    ALIGNMENT_FILE,
+    ALIGNMENT_PICTURE,
     ANIMATION_FILE,
     MODEL_FILE,
     RECONSTRUCTION_FILE,
@@ -128,6 +130,8 @@ def reconstruct(
     moving = _animated(model, motion, source, progress)
     place = folder / RECONSTRUCTION_FOLDER
     make_folder(place)
+    for name in (ALIGNMENT_FILE, ALIGNMENT_PICTURE):  # of the model that is replaced
+        (place / name).unlink(missing_ok=True)
     _write_model(place / MODEL_FILE, model)
     write_bytes(place / ANIMATION_FILE, moving)
     write_json(place / RECONSTRUCTION_FILE, document)

@@ -71,6 +71,8 @@ ESTIMATOR_FILES = (
 RECONSTRUCTION_FOLDER, MODEL_FILE = "reconstruction", "model.ply"
 RECONSTRUCTION_FILE, ANIMATION_FILE = "reconstruction.json", "reprojection.gif"
 """Dense model of `spinfilters.run.reconstruction`."""
+ALIGNMENT_FILE, ALIGNMENT_PICTURE = "alignment.json", "alignment.png"
+"""The model on a known shape, of `spinfilters.run.aligned_shape`."""
 SEGMENTS_FOLDER = "segments"
 _UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.part")
 """Names of what was being written when a run was killed (`spinfilters.io.output_files`)."""
@@ -326,7 +328,8 @@ def _clear(folder: Path, source: Path | None) -> None:
         (folder / name).unlink(missing_ok=True)
     if not _is_own_dataset(folder, source):
         _remove(folder / DATASET_FOLDER, dataset_files())
-    _remove(folder / RECONSTRUCTION_FOLDER, (MODEL_FILE, RECONSTRUCTION_FILE, ANIMATION_FILE))
+    files = (MODEL_FILE, RECONSTRUCTION_FILE, ANIMATION_FILE, ALIGNMENT_FILE, ALIGNMENT_PICTURE)
+    _remove(folder / RECONSTRUCTION_FOLDER, files)
     for name in estimator_names():
         _remove(folder / name, ESTIMATOR_FILES)
 

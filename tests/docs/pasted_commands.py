@@ -50,6 +50,7 @@ REWRITINGS = (
         "eight pairs do not tell a motion from a fall",
     ),
     Rewriting("spinfilters reconstruct", "--voxels 64", "a coarser volume"),
+    Rewriting("spinfilters align", "--scale 0.00014", "the body of those images"),
     Rewriting("spinfilters compare toss", "--estimators mekf", "one estimator"),
     Rewriting(
         "spinfilters compare recording -o runs/explained", SMALL_RUN, "two estimators, whose tests it prints"

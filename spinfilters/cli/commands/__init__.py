@@ -96,6 +96,12 @@ COMMANDS: Final = (
         "spinfilters.cli.commands.reconstruct",
     ),
     ListedCommand(
+        "align",
+        "make data",
+        "the dense model on a shape of your own: centre of mass and inertia in its axes",
+        "spinfilters.cli.commands.align",
+    ),
+    ListedCommand(
         "observe",
         "study",
         "what sensors can determine of a motion, with proof, and how well",

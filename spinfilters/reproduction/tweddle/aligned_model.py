@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.figure import Figure
 
 from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.evaluation.reference_fit import axis_and_angle
 from spinfilters.lidar.mesh import TriangleMesh
-from spinfilters.lidar.registration import Cloud, registered
-from spinfilters.plots.style import BLUE, RED, dot_handles, legend_below, tidy
+from spinfilters.lidar.registration import registered
+from spinfilters.lidar.shape_alignment import facet_cloud, surface_cloud
+from spinfilters.plots.surface_slices import slices_figure
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
 from spinfilters.reproduction.tweddle.rendered_recording import (
     FEW_PAIRS,
@@ -25,33 +25,10 @@ from spinfilters.reproduction.tweddle.simulated_recording import bound_cell
 
 SAMPLES: Final = 20_000
 """Points of the known shape."""
-MOST: Final = 6000
-"""Vertices of the model that are aligned."""
 BEGIN: Final = math.radians(8.0)
 """From the true rotation, about an axis at random: the thesis begins by hand."""
 REACH: Final = 0.02
 """m, of matches at first."""
-
-
-def surface_cloud(mesh: TriangleMesh, count: int, generator: np.random.Generator) -> Cloud:
-    """Points evenly over the surface of a mesh, with its normals.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        Triangles that face outwards, m.
-    count : int
-        How many points.
-    generator : np.random.Generator
-        Draws the facets and the places on them.
-    """
-    areas = np.linalg.norm(mesh.area_vectors, axis=1)
-    facet = generator.choice(len(areas), count, p=areas / areas.sum())
-    # the root of one uniform number makes points of a triangle uniform (Osada et al. 2002)
-    a, b = np.sqrt(generator.random(count))[:, np.newaxis], generator.random(count)[:, np.newaxis]
-    corners = mesh.corners[facet]
-    points = (1 - a) * corners[:, 0] + a * (1 - b) * corners[:, 1] + a * b * corners[:, 2]
-    return Cloud.of(points, mesh.normals[facet])
 
 
 def make_alignment(pairs: int = PAIRS) -> ItemResult:
@@ -59,9 +36,7 @@ def make_alignment(pairs: int = PAIRS) -> ItemResult:
     found, generator = rendered_recording(pairs), np.random.default_rng(22)
     model, body = found.reconstruction.model, found.evaluation.body
     known = surface_cloud(found.mesh, SAMPLES, generator)
-    surface = TriangleMesh(model.vertices, model.triangles)
-    step = max(1, len(surface.triangles) // MOST)
-    source = Cloud.of(surface.corners.mean(axis=1)[::step], surface.normals[::step])
+    source = facet_cloud(TriangleMesh(model.vertices, model.triangles))
     true = true_rotation(found)
     direction = generator.normal(size=3)
     begin = matrix_from_rotation_vector(BEGIN * direction / np.linalg.norm(direction)) @ true
@@ -118,7 +93,7 @@ def make_alignment(pairs: int = PAIRS) -> ItemResult:
         "lost, is a rotation by 9.094 deg about y (Eq. 6.25)."
     )
     moved = source.points @ aligned.rotation.T + aligned.translation
-    return ItemResult(rows, {"alignment": _figure(known.points, moved)}, note=note)
+    return ItemResult(rows, {"alignment": slices_figure(known.points, moved)}, note=note)
 
 
 def _depth_of_pixel(found: RenderedRecording) -> float:
@@ -148,25 +123,6 @@ def true_rotation(found: RenderedRecording) -> Float[np.ndarray, "3 3"]:
         np.einsum("ki,ki->k", truth.principal_axes_g[order], found.evaluation.body.principal_axes_g)
     )
     return (found.true_axes[order] * signs[:, np.newaxis]).T
-
-
-def _figure(known: Float[np.ndarray, "n 3"], moved: Float[np.ndarray, "m 3"]) -> Figure:
-    """Thin slices of both through the middle, along each axis of the shape."""
-    figure = Figure(figsize=(12.0, 4.8), layout="constrained")
-    middle = (known.max(axis=0) + known.min(axis=0)) / 2
-    thickness = 0.04 * float(np.ptp(known))
-    for axis, axes in enumerate(figure.subplots(1, 3)):
-        u, v = (axis + 1) % 3, (axis + 2) % 3
-        for points, colour, size in ((known, BLUE, 2.0), (moved, RED, 5.0)):
-            near = np.abs(points[:, axis] - middle[axis]) < thickness
-            axes.plot(
-                1e3 * points[near, u], 1e3 * points[near, v], ".", color=colour, markersize=size, zorder=size
-            )
-        axes.set(xlabel=f"{'xyz'[u]} [mm]", ylabel=f"{'xyz'[v]} [mm]", aspect="equal")
-        axes.set_title(f"slice across {'xyz'[axis]}", loc="left", fontsize="medium")
-        tidy(axes)
-    legend_below(figure, dot_handles({"known shape": BLUE, "dense model, aligned": RED}))
-    return figure
 
 
 ALIGNED_MODEL: Final[Item] = tweddle_item(
