@@ -17,7 +17,7 @@ TIME_UNITS: Final[dict[str, str]] = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
     **dict.fromkeys(("ms", "msec", "millis", "millisec", "milliseconds"), "ms"),
     **dict.fromkeys(("us", "usec", "µs", "μs", "micros", "microsec", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nanos", "nanosec", "nanoseconds"), "ns"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecs", "nanoseconds"), "ns"),
 }
 """Unit of time by its spelling."""
 _RATE_UNITS = {
@@ -237,10 +237,13 @@ class MotionColumns:
         Index and unit of the clock, None without one.
     vectors : dict[Quantity, VectorColumns]
         Of each quantity that has all its components, once.
+    nanoseconds : int | None
+        Index of a second column that may hold what the clock's whole seconds leave, as stamps of ROS do.
     """
 
     time: tuple[int, str] | None
     vectors: dict[Quantity, VectorColumns]
+    nanoseconds: int | None = None
 
 
 def motion_columns(
@@ -264,7 +267,10 @@ def motion_columns(
         found, headings = _vectors(
             path, names, "position"
         )  # x, y, z beside a quaternion, as in the header of TUM
-    return MotionColumns(None if options.rate is not None else _clock(path, names, headings), found)
+    if options.rate is not None:
+        return MotionColumns(None, found)
+    clock = _clock(path, names, headings)
+    return MotionColumns(clock, found, None if clock is None else _nanoseconds(clock[0], names))
 
 
 def _vectors(
@@ -310,6 +316,19 @@ def _vector(path: Path, names: Sequence[str], found: list[_Headed], axes: str) -
             f"{', '.join(KNOWN_UNITS[chosen[0][1].quantity])}"
         )
     return VectorColumns(tuple(k for k, _ in chosen), units.pop(), all(h.is_si for _, h in chosen))
+
+
+_WHOLE: Final = re.compile(r"(.*?)(s|secs?|seconds?)")
+_REST: Final = re.compile(r"(.*?)(ns|nsecs?|nanosecs?|nanoseconds?|nanos)")
+
+
+def _nanoseconds(clock: int, names: Sequence[str]) -> int | None:
+    """Column named as the clock is, with nanoseconds in the place of seconds: header.stamp.sec and header.stamp.nanosec."""
+    whole = _WHOLE.fullmatch(names[clock].strip().lower())
+    if whole is None:
+        return None
+    rests = [_REST.fullmatch(name.strip().lower()) for name in names]
+    return next((k for k, rest in enumerate(rests) if rest and rest[1] == whole[1]), None)
 
 
 def _clock(path: Path, names: Sequence[str], headings: Sequence[Heading | None]) -> tuple[int, str] | None:

@@ -234,7 +234,17 @@ def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: t
     """Clock, where there is one, and quantities."""
     chosen = [k for quantity in quantities for k in columns.vectors[quantity].indices]
     clock = [] if columns.time is None else [columns.time[0]]
-    return source.read([*clock, *chosen], keys=len(clock))
+    if columns.nanoseconds is None or columns.time is None:
+        return source.read([*clock, *chosen], keys=len(clock))
+    table = source.read([*clock, columns.nanoseconds, *chosen], keys=2)
+    seconds, rest = table.values[:, 0], table.values[:, 1]
+    if (seconds == np.floor(seconds)).all() and ((rest >= 0) & (rest < 1e9)).all():
+        seconds = seconds + 1e-9 * rest
+    return replace(
+        table,
+        names=(table.names[0], *table.names[2:]),
+        values=np.column_stack([seconds, table.values[:, 2:]]),
+    )
 
 
 def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, is_known_export: bool) -> str:
@@ -293,6 +303,7 @@ def _timed(
         require_clock(table)
         return table, f"clock of {options.rate:g} Hz as stated"
     index, stated = columns.time
+    stated = "s" if table.is_dated else stated
     if stated and options.clock not in (None, stated):
         raise InputError(
             f"{path_text(table.path)}: its clock is named in {stated}, and the stated unit is {options.clock}; "
@@ -339,7 +350,7 @@ def _acceleration_times(
     """
     if columns.time is None:
         return np.arange(0 if table.incomplete else len(table.values)) / (options.rate or 1.0)
-    stamps, stated = table.values[:, 0], columns.time[1]
+    stamps, stated = table.values[:, 0], "s" if table.is_dated else columns.time[1]
     unit = stated or options.clock or clock_unit(table.path, table.names[0], stamps, None)
     return stamps * CLOCK_UNITS[unit]
 

@@ -13,6 +13,7 @@ from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -47,6 +48,11 @@ _BYTE_ORDER_MARKS = (
 )
 _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
 """Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
+_CLOCK = re.compile(
+    r"(?:(\d{4})[-/](\d{1,2})[-/](\d{1,2})[T ]\s*)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*(?:Z|UTC|([+-])(\d{2}(?::?\d{2})?))?",
+    re.IGNORECASE,
+)
+"""A date and a time of the day, or the latter alone."""
 _LARGEST_ID = 2.0**53  # above it float64 does not distinguish whole numbers
 _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
 
@@ -140,6 +146,8 @@ class Table:
         Rows left out because every column but the key columns was empty.
     counted : str
         What a row is called in messages: a line of a text, a row of arrays.
+    is_dated : bool
+        Whether its first column was written as dates or times of the day, and is in s.
     """
 
     path: Path
@@ -149,6 +157,7 @@ class Table:
     lines: Sequence[int] | None = None
     incomplete: int = 0
     counted: str = "line"
+    is_dated: bool = False
 
     def line(self, row: int) -> int:
         """Line number (from 1) of a row (from 0), for error messages."""
@@ -548,7 +557,7 @@ def _read_each_line(path: Path, layout: TableLayout, columns: Sequence[int] | No
     """Numbers of some columns, line by line. InputError: names the first line that is wrong."""
     indices = range(len(layout.names)) if columns is None else columns
     names = tuple(layout.names[k] for k in indices)
-    lines, numbers, incomplete = array("q"), array("d"), 0
+    lines, numbers, incomplete, is_dated = array("q"), array("d"), 0, False
     for number, text in _data_lines(path, layout):
         where = f"{path_text(path)}: line {number}: "
         cells = layout.cells(text)
@@ -561,12 +570,51 @@ def _read_each_line(path: Path, layout: TableLayout, columns: Sequence[int] | No
         if layout.comments and not any(chosen[keys:]):
             incomplete += 1
             continue
-        numbers.extend([_number(where, name, cell, layout) for name, cell in zip(names, chosen, strict=True)])
+        if keys and not lines:  # the first row says how all times are written
+            is_dated = seconds_of_clock(chosen[0]) is not None
+        if is_dated:
+            numbers.append(_seconds(where, names[0], chosen[0]))
+        behind = zip(names[is_dated:], chosen[is_dated:], strict=True)
+        numbers.extend([_number(where, name, cell, layout) for name, cell in behind])
         lines.append(number)
     if not lines:
         raise InputError(f"{path_text(path)}: has no rows of numbers; export or copy it again")
     values = np.frombuffer(numbers, dtype=np.float64).reshape(len(lines), len(names)).copy()
-    return Table(path, layout, names, values, lines, incomplete)
+    return Table(path, layout, names, values, lines, incomplete, is_dated=is_dated)
+
+
+def seconds_of_clock(cell: str) -> float | None:
+    """Seconds of a date with a time of the day, or of a time of the day alone; None of any other text.
+
+    A date counts from 1970, UTC unless it states its zone, as in 2026-11-26T12:00:00.25+01:00; a time of the day from midnight.
+    """
+    found = _CLOCK.fullmatch(cell.strip())
+    if found is None:
+        return None
+    year, month, day, hour, minute, second, zone, ahead = found.groups()
+    seconds = 3600.0 * int(hour) + 60.0 * int(minute) + float(second.replace(",", "."))
+    if int(hour) > 23 or int(minute) > 59:
+        return None
+    if zone and ahead:
+        sign, digits = (-1.0 if zone == "-" else 1.0), ahead.replace(":", "")
+        seconds -= sign * (3600.0 * int(digits[:2]) + 60.0 * int(digits[2:] or 0))
+    if year is None:
+        return seconds
+    try:
+        return datetime(int(year), int(month), int(day), tzinfo=UTC).timestamp() + seconds
+    except ValueError:  # a month of 13
+        return None
+
+
+def _seconds(where: str, name: str, cell: str) -> float:
+    """Seconds of a cell among dates. InputError: it is none, with its line and column."""
+    seconds = seconds_of_clock(cell)
+    if seconds is None:
+        raise InputError(
+            f"{where}{printable(name[:60])} is {value_text(cell)}, no date or time of the day as in the line above; correct or "
+            "delete the line"
+        )
+    return seconds
 
 
 def _number(where: str, name: str, cell: str, layout: TableLayout) -> float:

@@ -151,9 +151,9 @@ def test_a_quoted_cell_beyond_all_measure_is_refused_in_one_line(tmp_path: Path)
         read_dataset(path)
 
 
-def test_a_time_of_day_is_refused_with_what_to_give_in_its_place(tmp_path: Path) -> None:
+def test_a_date_that_may_be_read_in_two_ways_is_refused_with_what_to_give_in_its_place(tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
-    path.write_text("time,wx,wy,wz\n" + "".join(f"2025-01-16T17:10:{k:02d}.5,1,2,3\n" for k in range(9)))
+    path.write_text("time,wx,wy,wz\n" + "".join(f"06/01/2025 17:10:{k:02d}.5,1,2,3\n" for k in range(9)))
     with pytest.raises(InputError, match=r"line 2: time is .*; give seconds, or --rate HZ"):
         read_dataset(path)
 
@@ -259,3 +259,58 @@ def test_a_statement_that_contradicts_the_file_is_refused(
 def test_an_unknown_unit_is_refused() -> None:
     with pytest.raises(InputError, match="unit 'furlong' is unknown; give rad/s"):
         ReadingOptions(unit="furlong")
+
+
+@pytest.mark.parametrize(
+    ("clocks", "first"),
+    [
+        (("2026-11-26T12:00:00Z", "2026-11-26T12:00:00.01Z", "2026-11-26T12:00:00.020Z"), 1795694400.0),
+        (
+            ("2026-11-26 13:00:00+01:00", "2026-11-26 13:00:00.01+0100", "2026-11-26 12:00:00.02Z"),
+            1795694400.0,
+        ),
+        (("2026/11/26 12:00:00.000", "2026/11/26 12:00:00.010", "2026/11/26 12:00:00.020"), 1795694400.0),
+        (("09:05:07.000000", "09:05:07.010000", "09:05:07.020000"), 32707.0),
+    ],
+)
+@pytest.mark.parametrize("name", ["time", "timestamp", "time_ms"])
+def test_dates_and_times_of_the_day_are_seconds(
+    tmp_path: Path, clocks: tuple[str, str, str], first: float, name: str
+) -> None:
+    lines = [f"{clock},{w[0]},{w[1]},{w[2]}" for clock, w in zip(clocks, ROWS[:, 1:].tolist(), strict=True)]
+    path = tmp_path / "dated.csv"
+    path.write_text("\n".join([f"{name},wx,wy,wz", *lines, ""]))
+    stream = rates(path).log.stream("gyro")
+    np.testing.assert_allclose(stream.time - first, ROWS[:, 0], atol=1e-6)
+    np.testing.assert_array_equal(stream.values, ROWS[:, 1:])
+
+
+@pytest.mark.parametrize(
+    ("second", "says"),
+    [
+        ("12", r"line 3: time is '12', no date or time of the day as in the line above; correct or delete"),
+        ("25:00:00", "line 3: time is '25:00:00', no date"),
+    ],
+)
+def test_a_row_whose_time_is_written_otherwise_is_named(tmp_path: Path, second: str, says: str) -> None:
+    path = tmp_path / "mixed.csv"
+    path.write_text(f"time,wx,wy,wz\n12:00:00,0,0,1\n{second},0,0,1\n")
+    with pytest.raises(InputError, match=says):
+        read_dataset(path)
+
+
+@pytest.mark.parametrize("names", ["header.stamp.sec,header.stamp.nanosec", "secs,nsecs", "time_s,time_ns"])
+def test_whole_seconds_and_nanoseconds_are_one_clock(tmp_path: Path, names: str) -> None:
+    whole = np.column_stack([np.full(3, 1_795_000_000), np.rint(1e9 * ROWS[:, 0]), ROWS[:, 1:]])
+    path = tmp_path / "ros.csv"
+    rows = [f"{row[0]:.0f},{row[1]:.0f},{row[2]},{row[3]},{row[4]}" for row in whole]
+    path.write_text("\n".join([f"{names},wx,wy,wz", *rows, ""]))
+    stream = rates(path).log.stream("gyro")
+    np.testing.assert_allclose(stream.time - 1_795_000_000, ROWS[:, 0], atol=1e-6)
+
+
+def test_a_second_clock_of_all_nanoseconds_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "both.csv"
+    rows = [f"{t},{1e9 * t + 5e9:.0f},{x},{y},{z}" for t, x, y, z in ROWS.tolist()]
+    path.write_text("\n".join(["time_s,time_ns,wx,wy,wz", *rows, ""]))
+    np.testing.assert_array_equal(rates(path).log.stream("gyro").time, ROWS[:, 0])
