@@ -151,7 +151,9 @@ def test_a_quoted_cell_beyond_all_measure_is_refused_in_one_line(tmp_path: Path)
         read_dataset(path)
 
 
-def test_a_date_that_may_be_read_in_two_ways_is_refused_with_what_to_give_in_its_place(tmp_path: Path) -> None:
+def test_a_date_that_may_be_read_in_two_ways_is_refused_with_what_to_give_in_its_place(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "mine.csv"
     path.write_text("time,wx,wy,wz\n" + "".join(f"06/01/2025 17:10:{k:02d}.5,1,2,3\n" for k in range(9)))
     with pytest.raises(InputError, match=r"line 2: time is .*; give seconds, or --rate HZ"):
