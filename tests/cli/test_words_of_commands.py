@@ -1,6 +1,7 @@
 """What every command line has: exact flags, a hint at what was meant, settings by key, output for people and for programs."""
 
 import json
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -171,6 +172,7 @@ def test_something_is_shown_before_the_first_image_is_read(
         assert shown == ["reading"]
         raise InputError("no more than that")
 
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setattr("spinfilters.cli.console.progress_bars", bars)
     monkeypatch.setattr("spinfilters.vision.track_images.stamped_pairs", read)
     assert main([words[0], "images", *words[1:]]) == 2
