@@ -318,17 +318,14 @@ def _vector(path: Path, names: Sequence[str], found: list[_Headed], axes: str) -
     return VectorColumns(tuple(k for k, _ in chosen), units.pop(), all(h.is_si for _, h in chosen))
 
 
-_WHOLE: Final = re.compile(r"(.*?)(s|secs?|seconds?)")
-_REST: Final = re.compile(r"(.*?)(ns|nsecs?|nanosecs?|nanoseconds?|nanos)")
-
-
 def _nanoseconds(clock: int, names: Sequence[str]) -> int | None:
     """Column named as the clock is, with nanoseconds in the place of seconds: header.stamp.sec and header.stamp.nanosec."""
-    whole = _WHOLE.fullmatch(names[clock].strip().lower())
-    if whole is None:
+    words = [_words(name) for name in names]
+    units = [TIME_UNITS.get(own[-1]) if own else None for own in words]
+    if units[clock] != "s":
         return None
-    rests = [_REST.fullmatch(name.strip().lower()) for name in names]
-    return next((k for k, rest in enumerate(rests) if rest and rest[1] == whole[1]), None)
+    paired = (k for k, own in enumerate(words) if units[k] == "ns" and own[:-1] == words[clock][:-1])
+    return next(paired, None)
 
 
 def _clock(path: Path, names: Sequence[str], headings: Sequence[Heading | None]) -> tuple[int, str] | None:

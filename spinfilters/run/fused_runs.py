@@ -25,7 +25,6 @@ from spinfilters.run.readers import read_dataset
 from spinfilters.run.run_folder import (
     CONFIG_FILE,
     DATASET_FOLDER,
-    HISTORY_FILE,
     last_belief,
 )
 from spinfilters.run.run_summary import read_summary
@@ -115,15 +114,13 @@ def _is_usable(entry: dict[str, Any], same_axes: bool) -> bool:
 
 
 def _read_run(folder: Path) -> RunInertia:
-    last, run = last_belief(folder), folder.resolve()
-    estimators = read_summary(run.parent if (run / HISTORY_FILE).exists() else run)["estimators"]
-    estimator = run.name if (run / HISTORY_FILE).exists() else str(next(iter(estimators)))
-    run = run.parent if (run / HISTORY_FILE).exists() else run
+    last = last_belief(folder)
+    entry = read_summary(last.run)["estimators"][last.estimator]
     try:
         belief = mass_belief(last.belief)
     except InputError as error:
         raise InputError(f"{path_text(folder)}: {error}") from None
-    return RunInertia(f"{run.name}/{estimator}", run, estimators[estimator], belief)
+    return RunInertia(f"{last.run.name}/{last.estimator}", last.run, entry, belief)
 
 
 def _describe_body(body: BodyEstimate) -> dict[str, Any]:

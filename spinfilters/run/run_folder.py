@@ -202,8 +202,10 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 
 
 class LastBelief(NamedTuple):
-    """Where a belief is from, the belief after the last epoch, and the noise that its estimator rests on, by option."""
+    """Run and estimator, where its belief is from in words, that belief after the last epoch, and its noise by option."""
 
+    run: Path
+    estimator: str
     source: str
     belief: Gaussian
     noise: dict[str, float]
@@ -230,7 +232,7 @@ def last_belief(folder: Path) -> LastBelief:
     (history,) = read_histories(run, [name])
     belief = history.belief(len(history.time) - 1)
     source = f"the last state of {name} in {run.name}, at t = {float(history.time[-1]):.3f} s of its clock"
-    return LastBelief(source, belief, noise)
+    return LastBelief(run, name, source, belief, noise)
 
 
 def figure_data_of(comparison: Comparison) -> FigureData:

@@ -47,16 +47,14 @@ def summary(comparison: Comparison) -> dict[str, Any]:
         "identical_measurements": on_identical_measurements(evaluations),
         "start": _start(setup),
         "estimators": {
-            e.name: {**_with_sensors(_estimator(e, shared), e, setup), "noise": _noise(told, e)}
+            e.name: {
+                **_estimator(e, shared),
+                "measurements_by_sensor": use_by_sensor(e.history, setup.timeline),
+                "noise": _noise(told, e),
+            }
             for e in evaluations
         },
     }
-
-
-def _with_sensors(document: dict[str, Any], evaluation: Evaluation, setup: Setup) -> dict[str, Any]:
-    """An estimator's numbers, with its measurements by sensor beside those of all."""
-    document["measurements_by_sensor"] = use_by_sensor(evaluation.history, setup.timeline)
-    return document
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
