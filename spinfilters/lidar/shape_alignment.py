@@ -27,6 +27,8 @@ REFINED: Final = 1.5
 """Mean square of the distances over that of the best beginning, up to which an end is refined with all points."""
 ALIKE: Final = 1.3
 """The same in the end, up to which a rotation fits as well as the best."""
+LEAST_HELD: Final = 1e-6
+"""Information about the direction of a pose that is held least, over that which is held most."""
 APART: Final = np.deg2rad(10.0)
 """Angle between two rotations that count as different."""
 
@@ -92,6 +94,13 @@ def fitting_poses(source: Cloud, known: Cloud) -> list[Registration]:
             found.append((_mean_square(source, known, made.rotation, made.translation), made))
     found.sort(key=lambda each: each[0])
     return [each for square, each in found if square <= ALIKE * found[0][0]]
+
+
+def determines_pose(found: Registration, size: float) -> bool:
+    """Whether a surface holds all directions of its pose on a shape of a size (m): a plane slides, a sphere turns."""
+    scale = np.repeat([1.0, size], 3)  # rotation and translation in one unit
+    values = np.linalg.eigvalsh(scale[:, np.newaxis] * found.information * scale)
+    return bool(values[0] > LEAST_HELD * values[-1])
 
 
 def _beginnings() -> list[Float[np.ndarray, "3 3"]]:

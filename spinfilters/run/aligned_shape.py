@@ -13,7 +13,13 @@ from spinfilters.io.input_file import path_text
 from spinfilters.io.output_files import write_json
 from spinfilters.lidar.mesh import read_mesh
 from spinfilters.lidar.registration import Registration
-from spinfilters.lidar.shape_alignment import KNOWN, facet_cloud, fitting_poses, surface_cloud
+from spinfilters.lidar.shape_alignment import (
+    KNOWN,
+    determines_pose,
+    facet_cloud,
+    fitting_poses,
+    surface_cloud,
+)
 from spinfilters.models.body import BodyEstimate
 from spinfilters.run.array_files import finite_document
 from spinfilters.run.run_folder import (
@@ -86,6 +92,11 @@ def align_shape(folder: Path, shape: Path, scale: float = 1.0) -> AlignedShape:
         share = 100 * found[0].overlap if found else 0.0
         raise InputError(
             f"{path_text(shape)}: at most {share:.0f} % of the model of {path_text(folder)} lies on it; give the shape of that body"
+        )
+    if not determines_pose(found[0], known.size):
+        raise InputError(
+            f"{path_text(folder)}: its dense model shows too little of the body, so that it can slide or turn on "
+            f"{path_text(shape)}; record more of its sides"
         )
     document = {"shape": shape.name, "scale": scale, "estimator": evaluation.name}
     document |= _describe(found, evaluation.body, known.size)

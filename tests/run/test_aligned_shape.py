@@ -1,6 +1,7 @@
 """The dense model of a run on a shape of the user's."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,19 @@ def test_rotations_that_fit_as_well_are_counted(tmp_path: Path) -> None:
     found = fitting_poses(model, surface_cloud(sides, 4000, generator))
     assert len(found) == 4  # the half turns about the axes of a box
     assert min(Rotation.from_matrix(TURN.T @ each.rotation).magnitude() for each in found) < np.deg2rad(0.5)
+
+
+def test_a_model_of_one_side_is_refused_in_one_line(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    side = finely(TriangleMesh(np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 0.3, 0]]), np.array([[0, 1, 2]])), 4)
+    flat = tmp_path / "flat"
+    shutil.copytree(run, flat)
+    write_mesh(flat / "reconstruction" / "model.ply", side)
+    assert main(["align", str(flat), str(write_mesh(tmp_path / "body.ply", box((0.3, 0.2, 0.1))))]) == 2
+    complaint = capsys.readouterr().err
+    assert "shows too little of the body" in complaint
+    assert len(complaint.splitlines()) == 1
 
 
 def test_what_cannot_be_aligned_is_refused_in_one_line(
