@@ -38,9 +38,9 @@ def embed(options: EmbedArguments) -> int:
     refuse_foreign(folder, COMMAND.name)
     start = None
     if options.from_run is not None:
-        source, belief, noise = last_belief(Path(options.from_run))
-        chosen.require_further_blocks_of(belief.layout.blocks, source)
-        start = start_from_belief(belief, chosen.layout, source, noise)
+        last = last_belief(Path(options.from_run))
+        chosen.require_further_blocks_of(last.belief.layout.blocks, last.source)
+        start = start_from_belief(last.belief, chosen.layout, last.source, last.noise)
     with output_folder(folder, COMMAND.name) as place:
         files = write_library(chosen, place, start)
     size = sum(len((folder / file.name).read_bytes()) for file in files)
