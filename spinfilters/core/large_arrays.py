@@ -10,11 +10,14 @@ import os
 import tempfile
 from contextlib import suppress
 from typing import Final
+from weakref import WeakValueDictionary
 
 import numpy as np
 
 LARGEST_IN_MEMORY: Final = 256_000_000
 """Bytes of an array from which it is in a file."""
+_FILES: Final = WeakValueDictionary[int, mmap.mmap]()
+"""Files of arrays that are in use, by the address at which they begin."""
 
 
 def empty_array(shape: tuple[int, ...], dtype: type) -> np.ndarray:
@@ -23,15 +26,20 @@ def empty_array(shape: tuple[int, ...], dtype: type) -> np.ndarray:
     if size > LARGEST_IN_MEMORY and hasattr(os, "posix_fallocate"):
         with suppress(OSError), tempfile.TemporaryFile(prefix="spinfilters-") as file:
             os.posix_fallocate(file.fileno(), 0, size)  # a full disk says so here, not when a page is written
-            return np.frombuffer(mmap.mmap(file.fileno(), size), dtype).reshape(shape)
+            pages = mmap.mmap(file.fileno(), size)
+            array = np.frombuffer(pages, dtype).reshape(shape)
+            _FILES[_address(array)] = pages
+            return array
     return np.empty(shape, dtype)
 
 
 def release_pages(array: np.ndarray) -> None:
     """Give the memory of an array in a file back until it is read or written again; its numbers stay."""
-    base = array.base
-    while isinstance(base, np.ndarray):
-        base = base.base
-    file = base.obj if isinstance(base, memoryview) else None
-    if isinstance(file, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-        file.madvise(mmap.MADV_DONTNEED)
+    address = _address(array)
+    for begin, pages in list(_FILES.items()):
+        if begin <= address < begin + len(pages) and hasattr(mmap, "MADV_DONTNEED"):
+            pages.madvise(mmap.MADV_DONTNEED)
+
+
+def _address(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
