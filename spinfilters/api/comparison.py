@@ -66,8 +66,8 @@ if TYPE_CHECKING:
 # fmt: off
 OTHER_FORMATS: Final = frozenset((
     ".csv", ".tsv", ".txt", ".tum", ".xlsx", ".json", ".jsonl", ".toml", ".yaml", ".yml", ".h5", ".hdf5", ".nc4", ".cdf", ".npz",
-    ".npy", ".mat", ".parquet", ".feather", ".arrow", ".pkl", ".pickle", ".bag", ".db3", ".ulg", ".ply", ".zip", ".html", ".pdf",
-    ".svg", ".png", ".gif",
+    ".npy", ".mat", ".parquet", ".feather", ".arrow", ".pkl", ".pickle", ".bag", ".db3", ".ulg", ".a", ".aem", ".ply", ".zip",
+    ".html", ".pdf", ".svg", ".png", ".gif",
 ))
 # fmt: on
 """Suffixes of files that a run is not saved as; any other, as of ``run.2026``, belongs to the name of a folder."""
