@@ -73,7 +73,7 @@ class AttitudeEphemerisReader(StatedReader):
         return motion_dataset(path, path.name, MotionTable(stream, None, ()))
 
 
-class _Row(NamedTuple):
+class _Attitude(NamedTuple):
     """Line of a row, from 1; its time, s, and q_ib."""
 
     line: int
@@ -93,7 +93,7 @@ def _numbers(path: Path, line: int, cells: Sequence[str], count: int) -> list[fl
     return numbers
 
 
-def _stk_rows(path: Path, lines: Sequence[str]) -> list[_Row]:
+def _stk_rows(path: Path, lines: Sequence[str]) -> list[_Attitude]:
     """Rows of STK: seconds from the scenario's epoch and a quaternion. InputError: attitudes of another kind."""
     order, rows, kind = None, [], "none"
     for number, line in enumerate(lines, start=1):
@@ -107,7 +107,7 @@ def _stk_rows(path: Path, lines: Sequence[str]) -> list[_Row]:
             break
         elif order is not None:
             found = _numbers(path, number, words, 5)
-            rows.append(_Row(number, (found[0], *(found[place] for place in order))))
+            rows.append(_Attitude(number, (found[0], *(found[place] for place in order))))
     if order is None:
         raise InputError(
             f"{path_text(path)}: its attitudes are {value_text(kind)}; export them as AttitudeTimeQuaternions"
@@ -115,10 +115,10 @@ def _stk_rows(path: Path, lines: Sequence[str]) -> list[_Row]:
     return rows
 
 
-def _ccsds_rows(path: Path, lines: Sequence[str]) -> list[_Row]:
+def _ccsds_rows(path: Path, lines: Sequence[str]) -> list[_Attitude]:
     """Rows of CCSDS: a date and a quaternion, with its frames and order in the lines above. InputError: another kind."""
     stated: dict[str, str] = {}
-    rows: list[_Row] = []
+    rows: list[_Attitude] = []
     is_data = False
     for number, line in enumerate(lines, start=1):
         words = line.split()
@@ -129,7 +129,7 @@ def _ccsds_rows(path: Path, lines: Sequence[str]) -> list[_Row]:
         elif words[:1] == ["DATA_STOP"]:
             is_data = False
         elif is_data and words and words[0] != "COMMENT":
-            rows.append(_Row(number, _ccsds_row(path, number, words, stated)))
+            rows.append(_Attitude(number, _ccsds_row(path, number, words, stated)))
     return rows
 
 

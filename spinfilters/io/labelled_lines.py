@@ -25,10 +25,10 @@ _SUFFIXES: Final = (".log", ".txt", ".csv")
 _HEAD: Final = 1 << 14
 _FEWEST: Final = 3
 """Labels of a line that is one of measurements."""
-_PAIR = re.compile(
-    r"([A-Za-z_][A-Za-z0-9_. \[\]]{0,39}?)\s*[:=]\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\d:])"
-    r"(?:\s*((?:m?rad|m?deg|°)/s(?:ec)?|m?dps|m/s\^?2|m/s/s|[mun]?s|m?g)(?![A-Za-z:=]))?"
-)
+_LABEL = r"([A-Za-z_][A-Za-z0-9_. \[\]]{0,39}?)"
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_UNIT = r"((?:m?rad|m?deg|°)/s(?:ec)?|m?dps|m/s\^?2|m/s/s|[mun]?s|m?g)"
+_PAIR = re.compile(rf"{_LABEL}\s*[:=]\s*{_NUMBER}(?![\d:])(?:\s*{_UNIT}(?![A-Za-z:=]))?")
 """Label, number and perhaps unit."""
 
 

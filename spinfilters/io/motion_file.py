@@ -17,7 +17,7 @@ from spinfilters.io.input_file import first_text, path_text, printable
 from spinfilters.io.logger_names import understood_names
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.motion_columns import Quantity, heading_of
-from spinfilters.io.motion_table import MotionTable, are_rotations, read_motion_table
+from spinfilters.io.motion_table import MotionTable, read_motion_table, rotations_of
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
 from spinfilters.io.sensor_tables import LATEST_SECONDS, TUM_COLUMNS, read_tum
 from spinfilters.io.stated_values import ReadingOptions, to_state
@@ -84,10 +84,7 @@ def read_transforms(path: Path, options: ReadingOptions) -> MotionTable | None:
     options.require_only(("rate",), "a table of poses without a clock")
     table = read_blank_separated(path, [f"T{row}{column}" for row in range(3) for column in range(4)])
     matrices = table.values.reshape(-1, 3, 4)
-    R = matrices[:, :, :3]
-    wrong = np.flatnonzero(~are_rotations(R))
-    if wrong.size:
-        raise table.error(int(wrong[0]), "is no rotation and place [R t]; correct or delete the line")
+    R = rotations_of(table, matrices[:, :, :3])
     time = np.arange(len(R)) / options.rate
     stream = MeasurementStream("pose", time, np.column_stack([matrices[:, :, 3], quaternion_from_matrix(R)]))
     return MotionTable(stream, None, (f"clock of {options.rate:g} Hz as stated",))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
@@ -263,11 +263,8 @@ def _poses(
 
 
 def _with_quaternions(table: Table) -> Table:
-    """A table whose last nine columns, a rotation matrix R_ib row by row, are a quaternion. InputError: one that is no rotation."""
-    R = table.values[:, -9:].reshape(-1, 3, 3)
-    wrong = np.flatnonzero(~are_rotations(R))
-    if wrong.size:
-        raise table.error(int(wrong[0]), "its matrix is no rotation; correct or delete the line")
+    """A table whose last nine columns, a rotation matrix R_ib row by row, are a quaternion. InputError: see `rotations_of`."""
+    R = rotations_of(table, table.values[:, -9:].reshape(-1, 3, 3))
     names = (*table.names[:-9], "qx", "qy", "qz", "qw")
     return replace(
         table, names=names, values=np.column_stack([table.values[:, :-9], quaternion_from_matrix(R)])
@@ -278,10 +275,17 @@ ROTATION_ERROR: Final = 1e-3
 """Of an element of R R', which the digits of a text cause at most."""
 
 
-def are_rotations(R: Float[np.ndarray, "n 3 3"]) -> Bool[np.ndarray, " n"]:
-    """Which matrices are rotations: R R' = 1 and det R = 1, to the digits of a text."""
+def rotations_of(table: Table, R: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """Rotations nearest to the matrices of a table, which have only the digits of a text: U V' of R = U S V'.
+
+    InputError: a matrix that is none, R R' = 1 and det R = 1 to `ROTATION_ERROR`, with its line.
+    """
     away = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    return (away <= ROTATION_ERROR) & (np.linalg.det(R) > 0)
+    wrong = np.flatnonzero(~(away <= ROTATION_ERROR) | (np.linalg.det(R) < 0))
+    if wrong.size:
+        raise table.error(int(wrong[0]), "its matrix is no rotation; correct or delete the line")
+    U, _, Vt = np.linalg.svd(R)
+    return U @ Vt
 
 
 def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:

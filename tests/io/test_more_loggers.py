@@ -468,6 +468,12 @@ def test_lost_packets_leave_gaps_in_a_clock_of_counts(tmp_path: Path) -> None:
     assert float(np.diff(stream.time).max()) == pytest.approx(6 * 0.02)
 
 
+def test_matrices_of_four_digits_are_rotations(tmp_path: Path) -> None:
+    head = "time_s," + ",".join(f"R{row}{column}" for row in "123" for column in "123") + "\n"
+    path = lines(tmp_path / "m.csv", head, np.column_stack([TIME, MATRIX.reshape(-1, 9).round(4)]).tolist())
+    np.testing.assert_allclose(spinfilters.load(path).log.streams[0].values, TURN, atol=1e-4)
+
+
 def test_a_topic_chooses_among_the_sensors_of_a_table(tmp_path: Path) -> None:
     path = realsense(tmp_path)
     path.write_text(path.read_text() + realsense_poses(tmp_path).read_text())
