@@ -21,10 +21,11 @@ from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.run import smoother_convergence
 from spinfilters.run.array_files import finite_document
 from spinfilters.run.estimation import Comparison, compare_estimators
-from spinfilters.run.inertia_race_output import require_inertias, write_race
+from spinfilters.run.inertia_race_output import race_figures, require_inertias, write_race
+from spinfilters.run.pictures import Pictures, draw_pictures
 from spinfilters.run.predictions import (
-    draw_predictions,
     is_predicted,
+    prediction_figures,
     prediction_lines,
     times_ahead,
     write_predictions,
@@ -33,6 +34,8 @@ from spinfilters.run.preparation import prepare
 from spinfilters.run.reference_output import (
     ReferenceComparisons,
     compare_histories,
+    kept_reference,
+    reference_figures,
     reference_lines,
     write_reference,
 )
@@ -335,6 +338,23 @@ class OptionalOutputs:
         return "no prediction was made: every estimator failed, or the prediction is not finite"
 
 
+def optional_figures(folder: Path, evaluations: Sequence[Evaluation], truth: Truth | None) -> Pictures:
+    """Pictures of predictions, race, reference and convergence whose numbers a run folder holds.
+
+    Raises
+    ------
+    InputError
+        A file that one is drawn from is missing or damaged.
+    """
+    compared = _kept_comparisons(folder, evaluations)
+    return {
+        **prediction_figures(folder, evaluations, {} if compared is None else compared.found),
+        **race_figures(folder),
+        **({} if compared is None else reference_figures(compared)),
+        **smoother_convergence.convergence_figures(folder, truth),
+    }
+
+
 def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth: Truth | None) -> list[str]:
     """Draw the additions of a run folder again; returns the names of the pictures.
 
@@ -343,9 +363,24 @@ def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth
     InputError
         A file that one is drawn from is missing or damaged; what else there is has been drawn.
     """
+
+    def draw_predictions() -> list[str]:
+        compared = _kept_comparisons(folder, evaluations)
+        found = {} if compared is None else compared.found
+        return draw_pictures(folder, prediction_figures(folder, evaluations, found))
+
+    def draw_reference() -> list[str]:
+        compared = _kept_comparisons(folder, evaluations)
+        return [] if compared is None else draw_pictures(folder, reference_figures(compared))
+
     drawn: list[str] = []
     faults: list[InputError] = []
-    for draw in (lambda: draw_predictions(folder, evaluations), lambda: _draw_convergence(folder, truth)):
+    for draw in (
+        draw_predictions,
+        lambda: draw_pictures(folder, race_figures(folder)),
+        draw_reference,
+        lambda: _draw_convergence(folder, truth),
+    ):
         try:
             drawn += draw()
         except InputError as error:
@@ -353,6 +388,12 @@ def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth
     if faults:
         raise faults[0]
     return drawn
+
+
+def _kept_comparisons(folder: Path, evaluations: Sequence[Evaluation]) -> ReferenceComparisons | None:
+    """Estimators against the reference that a run folder keeps; None without one."""
+    reference = kept_reference(folder)
+    return None if reference is None else compare_histories([each.history for each in evaluations], reference)
 
 
 def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
