@@ -77,6 +77,7 @@ def rows_of(seed: int) -> Iterator[dict[str, Any]]:
         exact = true_errors(ContinuousMotion(evaluation.history), truth, comparison, fitted)
         yield {
             **{f"{name}_error": comparison.rms[name] for name in exact},
+            "attitude_with_hidden": comparison.attitude_rms_with_hidden,
             **{f"{name}_true_error": value for name, value in exact.items()},
             "seed": seed,
             "shared": shared,
@@ -185,6 +186,11 @@ def lines_of(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
                 f"  {name} error over that against the truth: median {np.median(ratio):.3f}, {np.min(ratio):.3f} to "
                 f"{np.max(ratio):.3f}; within {100 * ERRORS:.0f} % {np.count_nonzero(np.abs(ratio - 1) < ERRORS)}"
             )
+        whole, true = (
+            np.sqrt(np.mean(np.square([row[f"attitude_{kind}"] for row in own])))
+            for kind in ("with_hidden", "true_error")
+        )
+        yield f"  attitude error with what the fit takes up, over that against the truth, all fits together: {whole / true:.3f}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -198,7 +198,7 @@ def _scaled_pdf(figure: Figure, factor: float) -> bytes:
         renderer = MixedModeRenderer(figure, width, height, DPI, RendererPdf(file, DPI, height, width))
         try:
             figure.dpi = POINTS
-            figure.draw(renderer)
+            figure.draw(renderer)  # pyright: ignore[reportArgumentType]  (it has what a renderer has)
         finally:
             figure.dpi = own
         renderer.finalize()
