@@ -10,7 +10,6 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import read_settings_text
@@ -246,7 +245,9 @@ class OptionalOutputs:
     ) -> None:
         """Write into the folder of a written run; `lacking` lists what could not be made. Raises InputError."""
         evaluations = comparison.evaluations
-        compared = self._compare_with_reference([each.history for each in evaluations])
+        compared = None
+        if self.reference is not None:  # once for its own files and for predictions
+            compared = compare_histories([each.history for each in evaluations], self.reference)
         if self.predict_s is not None:
             self._write_predictions(
                 folder, comparison.setup.process, evaluations, self.predict_s, compared, with_figures
@@ -257,10 +258,6 @@ class OptionalOutputs:
             write_explanations(folder, comparison, settings)
         if compared is not None:
             write_reference(folder, compared, with_figures)
-
-    def _compare_with_reference(self, histories: Sequence[EstimateHistory]) -> ReferenceComparisons | None:
-        """Every estimator against the reference, once for its own files and for predictions; None without one."""
-        return None if self.reference is None else compare_histories(histories, self.reference)
 
     def _write_predictions(
         self,
@@ -289,7 +286,7 @@ class OptionalOutputs:
         """For a finished run (`finished_run`), no estimator running again; returns the names of the pictures made.
 
         Convergence is made where it is not whole. A prediction, which goes on from the last beliefs of the histories, is always
-        made: its seconds may be others than before.
+        made: its seconds may be others than before. The reference of an earlier call judges it where no other is given.
 
         Raises
         ------
@@ -309,16 +306,17 @@ class OptionalOutputs:
             own = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
             write_explanations(folder, own, settings)
             made.append(EXPLANATIONS_FILE)
+        reference = kept_reference(folder) if self.reference is None else self.reference
         compared = None
-        if self.reference is not None:
-            compared = self._compare_with_reference(read_histories(folder, settings.estimators))
+        if reference is not None and (self.reference is not None or self.predict_s is not None):
+            compared = compare_histories(read_histories(folder, settings.estimators), reference)
         if self.predict_s is not None:
             process = read_process(folder, settings.process.tolerance)
             evaluations = read_figure_data(folder).evaluations
             made += self._write_predictions(
                 folder, process, evaluations, self.predict_s, compared, with_figures
             )
-        if compared is not None:
+        if self.reference is not None and compared is not None:
             made += write_reference(folder, compared, with_figures)
         return made
 

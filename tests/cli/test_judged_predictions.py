@@ -110,6 +110,7 @@ def test_a_reference_that_goes_on_judges_a_prediction_and_a_race_too(
     assert ends["cad"] > 3 * ends["mekf"]
     assert fits == ["mekf"], "fitted once, for the reference's own files, the prediction and the race"
     assert_drawn_again_and_printed(tmp_path / "run", tmp_path / "printed")
+    assert compared(dataset, tmp_path / "run", "--resume")["mekf"] == found, "the kept reference judges again"
     for name in ("reference.npz", "race.npz"):
         assert_refused_when_damaged(tmp_path / "run", name, capsys)
 
