@@ -21,6 +21,7 @@ from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.input_file import path_text, read_bytes, reason, value_text
 from spinfilters.io.measurement_log import MeasurementLog, freeze_arrays
 from spinfilters.io.motion_columns import KNOWN_UNITS, motion_columns
+from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.stated_values import CLOCK_UNITS, ReadingOptions
 from spinfilters.io.truth import TRUTH_COLUMNS, Truth
 
@@ -31,6 +32,12 @@ UNIT: Final = 0.02
 """Largest departure of a quaternion's norm from one; what rounding to two digits leaves."""
 
 _Columns = dict[str, Float[np.ndarray, "n k"]]
+_MEASURED: Final = {
+    "position": ("tx", "ty", "tz"),
+    "q_lm": ("qx", "qy", "qz", "qw"),
+    "rate": ("wx", "wy", "wz"),
+}
+"""Columns of a sensor that measures them."""
 _MOTIVE_UNITS: Final[Mapping[str, float]] = {"meters": 1.0, "millimeters": 1e-3, "centimeters": 1e-2}
 
 
@@ -115,26 +122,26 @@ def reference_of_truth(truth: Truth, name: str = "the truth") -> ReferenceMotion
 
 
 def reference_of_log(log: MeasurementLog, name: str) -> ReferenceMotion:
-    """Poses, attitudes or rates of a recording as a reference; the first of these that it has, with rates beside attitudes.
+    """Poses, attitudes or rates of a recording as a reference, of the first stream whose columns are any of these.
 
     Raises
     ------
     InputError
         None of them, or too few rows.
     """
-    streams = {stream.sensor: stream for stream in reversed(log.streams)}
-    turning = next((streams[sensor] for sensor in ("pose", "attitude") if sensor in streams), None)
-    if turning is not None:
-        columns = {"time": turning.time[:, np.newaxis], "q_lm": turning.values[:, -4:]}
-        if turning.sensor == "pose":
-            columns["position"] = turning.values[:, :3]
-    elif "gyro" in streams:
-        columns = {"time": streams["gyro"].time[:, np.newaxis], "rate": streams["gyro"].values[:, :3]}
-    else:
-        raise InputError(
-            f"{name}: has measurements of {', '.join(streams)}; a reference has poses, attitudes or rates"
-        )
-    return _reference(name, columns)
+    for stream in log.streams:
+        columns = sensor_format(stream.sensor).columns
+        found = {key: _named(stream.values, columns, names) for key, names in _MEASURED.items()}
+        known = {key: values for key, values in found.items() if values is not None}
+        if "q_lm" in known or "rate" in known:
+            return _reference(name, {"time": stream.time[:, np.newaxis], **known})
+    sensors = ", ".join(stream.sensor for stream in log.streams)
+    raise InputError(f"{name}: has measurements of {sensors}; a reference has poses, attitudes or rates")
+
+
+def _named(values: np.ndarray, columns: Sequence[str], names: Sequence[str]) -> np.ndarray | None:
+    """Columns of a stream by their names; None where it does not have them all."""
+    return values[:, [columns.index(each) for each in names]] if set(names) <= set(columns) else None
 
 
 def relative_reference(target: ReferenceMotion, inspector: ReferenceMotion) -> ReferenceMotion:
