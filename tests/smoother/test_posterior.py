@@ -76,7 +76,9 @@ def test_the_posterior_takes_tracks_without_a_map() -> None:
         patch.setattr(posterior_module, "sample_posterior", partial(sample_posterior, options=FEWEST))
         found = compare(data, ["smoother", "posterior"])
     assert found["posterior"].evaluation.history.posterior is not None
-    assert set(found["smoother"].evaluation.distances) >= {"attitude", "rate", "moments", "axes"}
+    distances = found["smoother"].evaluation.distances
+    assert distances is not None
+    assert set(distances) >= {"attitude", "rate", "moments", "axes"}
 
 
 def test_even_points_fill_the_cube_evenly() -> None:
