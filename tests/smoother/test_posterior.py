@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from spinfilters import compare, simulate
-from spinfilters.inference.smoother_run import smoothed_problem
+from spinfilters.evaluation.posterior_distance import posterior_quantities
+from spinfilters.inference.smoother_run import smooth_at_once, smoothed_problem
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother import posterior as posterior_module
@@ -54,6 +55,18 @@ def test_walkers_find_the_posterior_that_importance_finds() -> None:
     assert mean[0] == pytest.approx(mean[1], abs=0.5 * float(std.max()))
     walked_away = walked.mass.principal_moments[:, :2] - mean[0]
     assert np.sqrt(walked.mass.weights @ np.square(walked_away)) == pytest.approx(std, rel=0.5)
+
+
+def test_quantiles_of_few_samples_do_not_depend_on_which() -> None:
+    setup = prepare(simulate("gyro", rate_rpm=(4.0, 9.0, 3.0), frames=30, seed=2), Settings())
+    problem, smoothed = smoothed_problem(setup, Settings())
+    history, found = smooth_at_once(setup, Settings(), lambda done, every: None), []
+    for seed in (1, 2):
+        sampled = sample_posterior(problem, smoothed.mean, replace(FEW, seed=seed))
+        assert sampled is not None
+        found.append(posterior_quantities(sampled.last, history)["moments"].quantiles())
+    width = found[0][:, -1:] - found[0][:, :1]
+    assert np.abs((found[0] - found[1]) / width).max() < 0.05
 
 
 def test_landmarks_are_integrated_out_with_the_motion() -> None:
