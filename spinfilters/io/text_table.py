@@ -13,7 +13,6 @@ from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -21,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError, RowError
+from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     ignored_warnings,
@@ -48,11 +48,6 @@ _BYTE_ORDER_MARKS = (
 )
 _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
 """Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
-_CLOCK = re.compile(
-    r"(?:(\d{4})[-/](\d{1,2})[-/](\d{1,2})[T ]\s*)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*(?:Z|UTC|([+-])(\d{2}(?::?\d{2})?))?",
-    re.IGNORECASE,
-)
-"""A date and a time of the day, or the latter alone."""
 _LARGEST_ID = 2.0**53  # above it float64 does not distinguish whole numbers
 _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
 
@@ -581,29 +576,6 @@ def _read_each_line(path: Path, layout: TableLayout, columns: Sequence[int] | No
         raise InputError(f"{path_text(path)}: has no rows of numbers; export or copy it again")
     values = np.frombuffer(numbers, dtype=np.float64).reshape(len(lines), len(names)).copy()
     return Table(path, layout, names, values, lines, incomplete, is_dated=is_dated)
-
-
-def seconds_of_clock(cell: str) -> float | None:
-    """Seconds of a date with a time of the day, or of a time of the day alone; None of any other text.
-
-    A date counts from 1970, UTC unless it states its zone, as in 2026-11-26T12:00:00.25+01:00; a time of the day from midnight.
-    """
-    found = _CLOCK.fullmatch(cell.strip())
-    if found is None:
-        return None
-    year, month, day, hour, minute, second, zone, ahead = found.groups()
-    seconds = 3600.0 * int(hour) + 60.0 * int(minute) + float(second.replace(",", "."))
-    if int(hour) > 23 or int(minute) > 59:
-        return None
-    if zone and ahead:
-        sign, digits = (-1.0 if zone == "-" else 1.0), ahead.replace(":", "")
-        seconds -= sign * (3600.0 * int(digits[:2]) + 60.0 * int(digits[2:] or 0))
-    if year is None:
-        return seconds
-    try:
-        return datetime(int(year), int(month), int(day), tzinfo=UTC).timestamp() + seconds
-    except ValueError:  # a month of 13
-        return None
 
 
 def _seconds(where: str, name: str, cell: str) -> float:

@@ -1,10 +1,10 @@
-"""Reference posterior of a problem without landmarks: a mixture of Gaussians that need not be Gaussian together.
+"""Reference posterior of a problem: a mixture of Gaussians that need not be Gaussian together.
 
 The state is the motion x and its constants, of which the mass distribution s alone makes the problem far from linear. The marginal
-posterior of s, with the motion integrated out about its optimum (`spinfilters.smoother.mass_posterior`), is sampled by importance;
-where the Pareto shape of the weights is above `spinfilters.core.importance_weights.LARGEST_SHAPE`, an ensemble of walkers
-continues from the resampled points (`spinfilters.core.ensemble_sampler`). Every sample of s comes with the Gaussian of the
-motion given s, so that
+posterior of s, with the motion and any landmarks integrated out about their optimum (`spinfilters.smoother.mass_posterior`), is
+sampled by importance; where the Pareto shape of the weights is above `spinfilters.core.importance_weights.LARGEST_SHAPE`, an
+ensemble of walkers continues from the resampled points (`spinfilters.core.ensemble_sampler`). Every sample of s comes with the
+Gaussian of the motion given s, so that
 
     p(x, s | y) = sum over samples i of w_i N(x; x^(s_i), P(s_i)).
 
@@ -14,7 +14,7 @@ What is published of the posterior are mixtures of these Gaussians, never their 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.core.ensemble_sampler import Ensemble, stretch_step
 from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights
@@ -25,6 +25,7 @@ from spinfilters.models.state_layout import StateLayout
 from spinfilters.models.state_mixture import StateMixture
 from spinfilters.smoother.linear_system import Marginals, latest_factor
 from spinfilters.smoother.mass_posterior import (
+    NO_POINTS,
     TRIED,
     MassNode,
     MassPosterior,
@@ -85,9 +86,13 @@ class Posterior:
 
 
 def sample_posterior(
-    problem: Problem, trajectory: Float[np.ndarray, "k m"], options: SamplingOptions = SamplingOptions()
+    problem: Problem,
+    trajectory: Float[np.ndarray, "k m"],
+    options: SamplingOptions = SamplingOptions(),
+    points: Float[np.ndarray, "L 3"] = NO_POINTS,
+    used: Bool[np.ndarray, " N"] | None = None,
 ) -> Posterior | None:
-    """The posterior of a problem without landmarks.
+    """The posterior of a problem.
 
     Parameters
     ----------
@@ -97,13 +102,17 @@ def sample_posterior(
         Its solution, where the walk along the ridge of likely mass distributions begins.
     options : SamplingOptions
         How it is sampled.
+    points : ndarray of float, shape (L, 3)
+        Landmarks of the solution, m, frame g.
+    used : ndarray of bool, shape (N,), or None
+        Observations of landmarks that the solution uses; None without landmarks.
 
     Returns
     -------
     Posterior or None
         None where a linear problem along the ridge has no solution.
     """
-    sampler = MassSampler(problem)
+    sampler = MassSampler(problem, points, used)
     nodes = sampler.ridge(trajectory)
     found = sampler.sample(nodes, options.samples, options.seed)
     if found is None:
@@ -171,7 +180,8 @@ def _walk_ensemble(
     factors = np.array([factor for _, factor in kept])
     count = len(kept)
     weights = ImportanceWeights(np.full(count, 1 / count), found.weights.shape)
-    return MassPosterior(trajectories, factors, trajectories[:, 0, at], np.zeros(count), weights)
+    nothing = np.zeros(count)
+    return MassPosterior(trajectories, factors, trajectories[:, 0, at], nothing, nothing, weights)
 
 
 def _moments(
@@ -188,7 +198,7 @@ def _moments(
     rows = [np.moveaxis(away, 0, 2)]
     picked = np.searchsorted(np.cumsum(weights), (np.arange(COVARIANCES) + 0.5) / COVARIANCES)
     for number in np.minimum(picked, len(weights) - 1):
-        there = sampler.conditional(found.trajectories[number], iterations=0)
+        there = sampler.conditional(found.trajectories[number], iterations=sampler.follow_ups)
         if there is not None:
             rows.append(Marginals(there.solution, None).factors / np.sqrt(COVARIANCES))
     return mean, lower_roots(np.concatenate(rows, axis=2))

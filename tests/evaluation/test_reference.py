@@ -101,6 +101,20 @@ def test_differences_are_those_from_a_truth_at_equal_stamps() -> None:
         assert ours[name] == pytest.approx(theirs[name], rel=0.02), name
 
 
+def test_what_a_fit_takes_up_is_counted_though_no_residual_shows_it() -> None:
+    motion = ContinuousMotion(smoothed()[0])
+    time = np.arange(0.5, 29.0, 0.1)
+    own = motion.at(time)
+    reference = ReferenceMotion("own motion", time, own.q_ig, shares_frame=True)
+    found = compare_with_reference(smoothed()[0], reference)
+    assert found.attitude is not None
+    stated = np.sqrt(3.0) * np.median(own.std_attitude)
+    left = np.sqrt(np.mean(np.sum(found.attitude**2, axis=1)))
+    assert left < 0.1 * stated, "the estimate itself"
+    assert found.attitude_rms_with_hidden is not None
+    assert 0.2 < found.attitude_rms_with_hidden / stated < 3.0
+
+
 def test_energies_of_a_free_body_hold_and_a_loss_of_the_reference_is_found() -> None:
     history, truth = smoothed()
     free = moved(truth)[0]
