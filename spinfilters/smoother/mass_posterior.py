@@ -51,6 +51,8 @@ PROPOSAL_DOF, PROPOSAL_WIDTH = 6.0, 1.25
 """Degrees of freedom of the t distributions, and their width over the local one."""
 SMALLEST_GAP = 1e-6
 """Half a difference of eigenvalues below which sinh(d) / d is 1 to rounding."""
+SOFT = 0.02
+"""Standard deviation of the logarithm of second moments, beyond which states may bend by more than noise moves them."""
 SAMPLES, TRIED = 256, 80
 """Samples of the mixture, and of the Gaussian belief whose Pareto shape is asked for."""
 WIDE = 0.1
@@ -239,6 +241,40 @@ class MassSampler:
         """Shares of the nodes in the mixture that proposes samples."""
         return shares_of_nodes(np.array([self._log_mass(node) for node in nodes]))
 
+    def bends(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "q n"]:
+        """Second-order terms of the last state along the soft directions of the mass distribution.
+
+        Let u be the distance from a trajectory's mass distribution along a principal direction of its covariance, in standard
+        deviations, and x(u) the most probable last state there, with Newton's step in the other four directions. Then
+
+            x(u) = x(0) [+] (b u + c u^2 / 2),    c = (x(1) [-] x(0)) + (x(-1) [-] x(0)).
+
+        The covariance of a Gaussian about x(0) has b only. Over u ~ N(0, 1) the bend c adds E[u^4] / 4 c c' = 3/4 c c' to the mean
+        square about x(0).
+
+        Parameters
+        ----------
+        trajectory : ndarray of float, shape (k, m)
+            Most probable states.
+
+        Returns
+        -------
+        ndarray of float, shape (q, n)
+            c of each direction whose standard deviation is beyond `SOFT`; none where a linear problem has no solution.
+        """
+        first = self.node(trajectory)
+        if first is None:
+            return np.zeros((0, self.layout.error_dim))
+        values, vectors = np.linalg.eigh(first.covariance)
+        widths, found = np.sqrt(values), []
+        for k in np.flatnonzero(widths > SOFT):
+            length = min(float(widths[k]), LONGEST_STEP)
+            ends = [self._next(first, sign * vectors[:, k], length) for sign in (1.0, -1.0)]
+            away = [self.layout.local(first.trajectory[-1], end.trajectory[-1]) for end in ends if end]
+            if len(away) == 2:
+                found.append((away[0] + away[1]) * (widths[k] / length) ** 2)
+        return np.array(found).reshape(-1, self.layout.error_dim)
+
     def gaussian_nees(
         self, node: MassNode, points: Float[np.ndarray, "n 5"], weights: Float[np.ndarray, " n"]
     ) -> float:
@@ -265,18 +301,8 @@ class MassSampler:
         while len(nodes) < MOST_NODES:
             std = here.softest[0]
             length = min(max(STEP * std, SMALLEST_STEP), LONGEST_STEP)
-            there = self.node(self.moved(here, length * direction), here.points)
-            if there is None:
-                break
-            for _ in range(2):  # Newton's step across the ridge
-                there_across = self._step_across(there, direction)
-                if np.linalg.norm(there_across) < 0.1 * length:
-                    break
-                moved = self.node(self.moved(there, there_across), there.points)
-                if moved is None:
-                    break
-                there = moved
-            if not np.isfinite(there.log_density):
+            there = self._next(here, direction, length)
+            if there is None or not np.isfinite(there.log_density):
                 break
             nodes.append(there)
             best = max(best, self._log_mass(there))
@@ -286,6 +312,21 @@ class MassSampler:
             direction = turned if turned @ direction > 0 else -turned
             here = there
         return nodes
+
+    def _next(self, here: MassNode, direction: Float[np.ndarray, " 5"], length: float) -> MassNode | None:
+        """The node on the ridge a step along a direction from another; None where a linear problem has no solution."""
+        there = self.node(self.moved(here, length * direction), here.points)
+        if there is None:
+            return None
+        for _ in range(2):  # Newton's step across the ridge
+            across = self._step_across(there, direction)
+            if np.linalg.norm(across) < 0.1 * length:
+                break
+            moved = self.node(self.moved(there, across), there.points)
+            if moved is None:
+                break
+            there = moved
+        return there
 
     def _step_across(self, node: MassNode, direction: Float[np.ndarray, " 5"]) -> Float[np.ndarray, " 5"]:
         """Newton's step without its part along a direction, capped."""
@@ -419,6 +460,12 @@ def leaves_one_direction_open(layout: StateLayout, factor: Float[np.ndarray, "n 
     return bool(std[0] > WIDE > std[1])
 
 
+def can_be_walked(problem: Problem, epochs: int) -> bool:
+    """Whether a recording of so many epochs, without landmarks, is short enough for its mass posterior to be walked along."""
+    has_mass = problem.motion.prior is not None and problem.layout.has(MASS_DISTRIBUTION)
+    return has_mass and not problem.is_long and epochs <= MOST_EPOCHS
+
+
 def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | None:
     """Weighted samples of the mass distribution, where a motion leaves one direction of it hardly determined; None elsewhere.
 
@@ -429,13 +476,8 @@ def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | No
     smoothed : BatchSmoothing
         Its solution.
     """
-    layout, prior = problem.layout, problem.motion.prior
-    if (
-        problem.is_long
-        or len(smoothed.mean) > MOST_EPOCHS
-        or prior is None
-        or not layout.has(MASS_DISTRIBUTION)
-    ):
+    layout = problem.layout
+    if not can_be_walked(problem, len(smoothed.mean)):
         return None
     if not np.isfinite(smoothed.factor).all() or not leaves_one_direction_open(layout, smoothed.factor[0]):
         return None
