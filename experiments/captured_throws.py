@@ -74,7 +74,7 @@ def rows_of(seed: int, density: float, stated: bool) -> Iterator[dict[str, Any]]
     """A row of each estimator on the throw of a seed."""
     begin, scenario = process_time(), drawn(seed, density)
     recording = simulate(scenario)
-    dataset: Dataset = _with_densities(recording, density) if stated else without_noise(recording)
+    dataset: Dataset = with_densities(recording, density) if stated else without_noise(recording)
     settings = Settings(estimators=ESTIMATORS)
     head: dict[str, Any] = {"seed": seed, "epochs": scenario.epochs}
     try:
@@ -104,7 +104,7 @@ def rows_of(seed: int, density: float, stated: bool) -> Iterator[dict[str, Any]]
         }
 
 
-def _with_densities(recording: Dataset, density: float) -> Dataset:
+def with_densities(recording: Dataset, density: float) -> Dataset:
     """The recording with its true densities stated: a simulation does not state those of zero, which are identified then."""
     return replace(recording, options=replace(recording.options, force_psd=density, torque_psd=density))
 

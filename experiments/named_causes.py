@@ -1,11 +1,14 @@
 """Causes that verdicts name first, of motions, bodies and sizes that are drawn.
 
     python -m experiments.named_causes [--sensors pose,gyro,tracks] [--causes rotor,hinge,...] [--seeds 20] [--first 0] [-o FILE]
+        [--evidence]
 
 Every seed draws its own body, motion, interval, length, noise and size of a cause, and whether the noise is stated. Printed are of
 each sensor and cause the runs, those that are doubted, in how many the right cause is first or among the first two, and what was
 named instead; of ``none`` the false alarms. A run that is ``ok`` with an error beyond 4 stated deviations is a defect. ``-o`` keeps
-a line of JSON for each run.
+a line of JSON for each run. ``--evidence`` prints the largest 2 ln likelihood ratio by which the right cause explains residuals,
+over its sizes and over densities of disturbances down to a sixteenth of the identified ones, and with which probability noise gives
+as much. No test of these residuals finds a cause that noise explains so often.
 """
 
 import argparse
@@ -23,6 +26,10 @@ from experiments.command_line import run_study
 from spinfilters.campaigns.row_columns import result_columns
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.timeline import times_of
+from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import ProcessNoise
 from spinfilters.run.estimation import compare_estimators
@@ -30,6 +37,17 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.model_faults import ModelFault, faulty_recording, model_faults
 from spinfilters.simulation.scenario import Scenario, without_map, without_noise
+from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.hypotheses import (
+    KnownLevels,
+    among_inliers,
+    minus_twice_log_likelihood,
+    noise_of,
+    solved_near,
+)
+from spinfilters.verdict.model_errors.score_tests import likelier, score_tests
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.verdict.model_tests import landmarks_placed, linear_problem, stated_levels
 
 KINDS: Final = {"pose": "pose", "gyro": "gyro", "tracks": "stereo-tracks"}
 CAUSES: Final = (
@@ -85,6 +103,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("-o", "--output", type=Path, default=None)
+    parser.add_argument("--evidence", action="store_true", help="of the right cause, in each recording")
     options = parser.parse_args()
     for sensor in options.sensors.split(","):
         for cause in options.causes.split(","):
@@ -92,15 +111,15 @@ def main() -> None:
                 continue
             runs = []
             for seed in range(options.first, options.first + options.seeds):
-                runs.append(outcome(sensor, cause, seed))
+                runs.append(outcome(sensor, cause, seed, options.evidence))
                 if options.output is not None:
                     with options.output.open("a", encoding="utf-8") as file:
                         file.write(json.dumps(_document(runs[-1])) + "\n")
             print(line_of(sensor, cause, runs), flush=True)
 
 
-def outcome(sensor: str, cause: str, seed: int) -> CauseOutcome:
-    """One run of the smoother."""
+def outcome(sensor: str, cause: str, seed: int, has_evidence: bool = False) -> CauseOutcome:
+    """One run of the smoother, with the evidence of its cause printed."""
     begin = time.perf_counter()
     scenario, fault, size, stated = drawn(sensor, cause, seed)
     dataset = recorded(scenario, fault, size, stated)
@@ -108,6 +127,8 @@ def outcome(sensor: str, cause: str, seed: int) -> CauseOutcome:
     try:
         comparison = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
         (evaluation,) = comparison.evaluations
+        if has_evidence:
+            print(evidence_line(seed, cause, comparison.setup, evaluation.history))
         status, names = evaluation.history.status, comparison.models.names
         error = result_columns(evaluation).get("worst_error")
         verdict, reasons = str(status.verdict), tuple(status.reasons)
@@ -124,6 +145,36 @@ def outcome(sensor: str, cause: str, seed: int) -> CauseOutcome:
         reasons,
         time.perf_counter() - begin,
     )
+
+
+SHARES: Final = (1 / 2, 1 / 4, 1 / 8, 1 / 16)
+"""Of the identified densities."""
+
+
+def evidence_line(seed: int, cause: str, setup: Setup, history: EstimateHistory) -> str:
+    """The most that a cause explains of a recording, as a line of text."""
+    epochs = setup.timeline[: len(history.mean)]
+    problem, error = linear_problem(setup, epochs), table()[cause]
+    rows = solved_near(problem, history.mean, landmarks_placed(problem, history.mean))
+    model = noise_model(problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    if rows is None or model is None:
+        return f"  seed {seed}: no evidence can be computed"
+    known, motion = KnownLevels(stated_levels(setup)), SmoothedMotion(times_of(epochs), rows)
+    best = score_tests(motion, noise_of(model, rows, known), [error])
+    free = np.array([name not in known.stated for name in model.densities])
+    for share in SHARES if free.any() else ():
+        lower = model.at(np.concatenate([np.zeros(len(model.components)), np.log(share) * free]))
+        beside = among_inliers(lower.problem, rows)
+        if beside is None:
+            continue
+        advantage = minus_twice_log_likelihood(beside) - minus_twice_log_likelihood(rows)
+        own = score_tests(replace(motion, rows=beside), noise_of(lower, beside, known), [error])
+        best = likelier(best, own, max(advantage, 0.0))
+    if not best:
+        return f"  seed {seed}: the states leave nothing of the {cause}"
+    found = best[0]
+    numbers = f"{found.gain:.1f} ({found.dof:.0f} numbers), by chance {found.p_value:.2g}"
+    return f"  seed {seed}: {cause}, 2 ln likelihood ratio {numbers}"
 
 
 def drawn(sensor: str, cause: str, seed: int) -> tuple[Scenario, ModelFault | None, float, bool]:

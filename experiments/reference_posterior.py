@@ -1,14 +1,19 @@
-"""Quantiles of the sampled posterior compared with those of a long Markov chain over all states.
+"""Quantiles of the sampled posterior compared with those of a long run of samples with the exact density of all states.
 
     python -m experiments.reference_posterior [--seeds 5] [--first 0] [--steps 4000] [--sensors gyro,pose] [--samples 800]
 
-The estimator `posterior` integrates the motion out by Laplace's method. The chain does not: each step proposes a mass distribution
-and all states of the motion (605 to 1208 numbers), and accepts them by their exact density (Metropolis, Hastings; independence
-sampler). What is taken of a step is its mass distribution, with the Gaussian of the last state given it. Printed for each recording
-of the calibration prior, and each number of samples, are processor time, Pareto shape, accepted share, and the deviation of the
-logarithm of the exact density over Laplace's, by which the Gaussians given a mass distribution are judged. By quantity follows the
-largest difference of quantiles over levels and components, in per cent of the width of the chain's 95 % interval. Two halves of the
-chain differ by chance; their largest difference stands beside.
+The estimator `posterior` integrates the motion out by Laplace's method. The reference does not: each of its steps draws a mass
+distribution and all states of the motion (605 to 1208 numbers), and weights them by their exact density. Its mass distributions
+come from a surrogate, a Gaussian process through the logarithm of Laplace's density at so many pilot samples. So the weights are
+nearly equal; an independence sampler (Metropolis, Hastings) with these proposals would accept the share that is printed. The
+surrogate also is a control variate: its own quantiles are known from many cheap draws, and the steps only measure what is added,
+
+    F(x) = F_surrogate(x) + sum over steps i of (w_i - 1 / n) 1(m_i < x).
+
+What is taken of a step's motion is the Gaussian of the last state given the mass distribution. Printed for each recording of the
+calibration prior, and each number of samples, are processor time, Pareto shape, accepted share, and the deviation of the logarithm
+of the weights. By quantity follows the largest difference of quantiles over levels and components, in per cent of the width of the
+reference's 95 % interval. Last stands the largest difference of two halves of the reference, each of its own steps and draws.
 """
 
 import argparse
@@ -20,22 +25,34 @@ from jaxtyping import Float
 
 from experiments.command_line import run_study
 from spinfilters.campaigns.calibration_draws import drawn_scenario
+from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.core.working_time import working_seconds
-from spinfilters.evaluation.posterior_distance import LEVELS, QuantityMixture, posterior_quantities
+from spinfilters.evaluation.posterior_distance import LEVELS, posterior_quantities
+from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.smoother_run import smooth_at_once, smoothed_problem
 from spinfilters.models.state_mixture import StateMixture
+from spinfilters.models.status import AXES, MOMENTS
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import simulate
-from spinfilters.smoother.linear_system import SchurSystem
-from spinfilters.smoother.mass_posterior import FIXED_STD, NO_POINTS, STRICT, ConditionalMotion, MassSampler
+from spinfilters.smoother.linear_system import SchurSystem, latest_factor
+from spinfilters.smoother.mass_posterior import (
+    FIXED_STD,
+    NO_POINTS,
+    ConditionalMotion,
+    MassSampler,
+)
+from spinfilters.smoother.mass_surrogate import SurrogatePosterior, log_volumes
 from spinfilters.smoother.posterior import SamplingOptions, sample_posterior
 from spinfilters.smoother.priors import FirstStatePrior
-from spinfilters.smoother.problem import Problem
+from spinfilters.smoother.problem import Problem, Stage
 
 CHAIN_SEED: Final = 99
-SETTLING: Final = 0.05
-"""Share of the chain that is left out at its beginning."""
+PILOTS: Final = 1500
+"""Samples of Laplace's density that the surrogate goes through."""
+DRAWS: Final = 60_000
+"""Of the surrogate, for each half of the reference."""
+STRICT: Final = Stage(LeastSquares())
 
 
 class ExactSampler(MassSampler):
@@ -45,9 +62,14 @@ class ExactSampler(MassSampler):
         super().__init__(problem)
         self.generator, self.corrections = np.random.default_rng(seed), list[float]()
 
-    def conditional(self, trajectory: Float[np.ndarray, "k m"], iterations: int) -> ConditionalMotion | None:
+    def conditional(
+        self,
+        trajectory: Float[np.ndarray, "k m"],
+        iterations: int,
+        points: Float[np.ndarray, "L 3"] | None = None,
+    ) -> ConditionalMotion | None:
         """The motion given a mass distribution, with the exact density of a draw over that of its proposal."""
-        found = super().conditional(trajectory, iterations)
+        found = super().conditional(trajectory, iterations, points)
         if found is None:
             return None
         mean, std = self._prior.mean.copy(), self._prior_std.copy()
@@ -102,55 +124,117 @@ def integrated_draw(
 
 
 @dataclass(frozen=True)
-class Chain:
-    """A long chain.
+class Reference:
+    """A long run of weighted steps, with many draws of the surrogate that proposed them.
 
     Attributes
     ----------
     last : StateMixture
-        The last state given each step's mass distribution, of equal weight.
+        The last state given each step's mass distribution, with its weight.
+    surrogate : StateMixture
+        Mass distributions of the surrogate's draws in states that say nothing else.
     accepted : float
-        Share of the proposals.
+        Share that an independence sampler would accept.
     spread : float
-        Deviation of the logarithm of the exact density over Laplace's.
+        Deviation of the logarithm of the weights.
     """
 
     last: StateMixture
+    surrogate: StateMixture
     accepted: float
     spread: float
 
+    @property
+    def halves(self) -> "tuple[Reference, Reference]":
+        """Steps and draws of the first half, and of the second."""
+        first, second = (
+            replace(self, last=one, surrogate=other)
+            for one, other in zip(_halves(self.last), _halves(self.surrogate), strict=True)
+        )
+        return first, second
 
-def long_chain(problem: Problem, trajectory: Float[np.ndarray, "k m"], steps: int) -> Chain:
-    """A chain of so many steps, of which the first ones are left out."""
-    nodes = MassSampler(problem).ridge(trajectory)
-    sampler = ExactSampler(problem, CHAIN_SEED)
-    found = sampler.sample(nodes, steps, CHAIN_SEED)
-    assert found is not None
-    # proposals are even, not independent: in random order
-    order = np.random.default_rng(CHAIN_SEED).permutation(len(found.points))
-    logs, uniform = found.log_ratios[order], np.random.default_rng(1).random(len(order))
-    chosen, here, accepted = np.empty(len(order), dtype=int), int(logs.argmax()), 0
-    for k in range(len(order)):
-        if np.log(uniform[k]) < logs[k] - logs[here]:
-            here, accepted = k, accepted + 1
-        chosen[k] = here
-    kept = order[chosen[int(SETTLING * len(order)) :]]
-    weights = np.full(len(kept), 1 / len(kept))
+    def quantiles(self, history: EstimateHistory) -> dict[str, Float[np.ndarray, "c q"]]:
+        """Quantiles of each published quantity, those of the mass distribution with the surrogate as control variate."""
+        steps = posterior_quantities(self.last, history)
+        cheap = posterior_quantities(self.surrogate, history)
+        found = {
+            name: mixture.quantiles(LEVELS) for name, mixture in steps.items() if name not in MASS_QUANTITIES
+        }
+        for name in MASS_QUANTITIES:
+            values = np.concatenate([cheap[name].values, steps[name].values])
+            added = self.last.weights - 1 / len(self.last.weights)
+            found[name] = point_quantiles(values, np.concatenate([self.surrogate.weights, added]))
+        return found
+
+
+MASS_QUANTITIES: Final = (MOMENTS, AXES)
+
+
+def point_quantiles(
+    values: Float[np.ndarray, "n c"], weights: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "c q"]:
+    """Quantiles of weighted points, whose weights sum to one and may be negative."""
+    found = np.empty((values.shape[1], len(LEVELS)))
+    for k, column in enumerate(values.T):
+        order = np.argsort(column)
+        below = np.maximum.accumulate(np.cumsum(weights[order]))
+        found[k] = column[order][np.minimum(np.searchsorted(below, LEVELS), len(order) - 1)]
+    return found
+
+
+def reference_of(problem: Problem, trajectory: Float[np.ndarray, "k m"], steps: int) -> Reference:
+    """A reference of so many steps."""
+    sampler = MassSampler(problem)
+    nodes = sampler.ridge(trajectory)
+    exact = ExactSampler(problem, CHAIN_SEED)
+    pilot = sampler.sample(nodes, PILOTS, CHAIN_SEED)
+    assert pilot is not None
+    surrogate = SurrogatePosterior.through(sampler, nodes, pilot)
+    frame = surrogate.frame
+    halves = [surrogate.draws(DRAWS, CHAIN_SEED + half) for half in range(2)]
+    points = np.concatenate([drawn for drawn, _ in halves])
+    weights = np.concatenate([weight / 2 for _, weight in halves])
+    places = (np.arange(steps) + 0.5) / steps
+    chosen = np.minimum(np.searchsorted(np.cumsum(weights), places), len(points) - 1)
+    kept, found, logs = [], [], []
+    for k in chosen:
+        there = exact.conditional(frame.begun(points[k]), 2)
+        if there is not None:
+            kept.append(there.trajectory[-1])
+            found.append(latest_factor(there.solution))
+            own = there.trajectory[:1, frame.at]
+            volume = log_volumes(frame.errors(own, frame.origin))[0]
+            logs.append(there.log_density + volume - surrogate.log_density(own)[0])
+    ratio = np.array(logs)
+    weight = np.exp(ratio - ratio.max())
     last = StateMixture(
-        problem.layout, found.trajectories[kept, -1], found.last_factors[kept], weights, np.nan, "chain"
+        problem.layout, np.array(kept), np.array(found), weight / weight.sum(), np.nan, "reference"
     )
-    return Chain(last, accepted / len(order), float(np.std(sampler.corrections)))
+    means = np.tile(frame.nodes[0].trajectory[-1], (len(points), 1))
+    means[:, frame.at] = points
+    nothing = np.zeros((len(points), *found[0].shape))
+    cheap = StateMixture(problem.layout, means, nothing, weights, np.nan, "surrogate")
+    return Reference(last, cheap, accepted_share(ratio), float(np.std(ratio)))
+
+
+def accepted_share(log_ratios: Float[np.ndarray, " n"]) -> float:
+    """Share of steps that an independence sampler with these log weights accepts, in the order as they are shuffled."""
+    generator = np.random.default_rng(CHAIN_SEED)
+    logs, uniform = generator.permutation(log_ratios), np.log(generator.random(len(log_ratios)))
+    here, accepted = logs[0], 0
+    for log, chance in zip(logs, uniform, strict=True):
+        if chance < log - here:
+            here, accepted = log, accepted + 1
+    return accepted / len(logs)
 
 
 def largest_differences(
-    one: dict[str, QuantityMixture], other: dict[str, QuantityMixture]
+    one: dict[str, Float[np.ndarray, "c q"]], other: dict[str, Float[np.ndarray, "c q"]]
 ) -> dict[str, float]:
     """Largest difference of quantiles by quantity, in per cent of the width of the other's 95 % interval."""
-    found = {}
-    for name in one:
-        a, b = one[name].quantiles(LEVELS), other[name].quantiles(LEVELS)
-        found[name] = 100 * float((np.abs(a - b) / (b[:, -1:] - b[:, :1])).max())
-    return found
+    return {
+        name: 100 * float((np.abs(one[name] - b) / (b[:, -1:] - b[:, :1])).max()) for name, b in other.items()
+    }
 
 
 def main() -> None:
@@ -160,12 +244,12 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, default=5, help="recordings of each sensor")
     parser.add_argument("--first", type=int, default=0, help="seed of the first")
-    parser.add_argument("--steps", type=int, default=4000, help="of the chain")
+    parser.add_argument("--steps", type=int, default=4000, help="of the reference")
     parser.add_argument("--sensors", default="gyro,pose")
     parser.add_argument("--samples", default=str(SamplingOptions().samples), help="of the mass distribution")
     options = parser.parse_args()
     print(
-        "| recording | samples | s | shape | accepted | spread | largest difference [%] by quantity | of the chain's halves [%] |"
+        "| recording | samples | s | shape | accepted | spread | largest difference [%] by quantity | of two halves [%] |"
     )
     print("|---|---|---|---|---|---|---|---|")
     for sensor in options.sensors.split(","):
@@ -173,33 +257,42 @@ def main() -> None:
             setup = prepare(simulate(drawn_scenario(sensor, seed)), Settings())
             problem, smoothed = smoothed_problem(setup, Settings())
             history = smooth_at_once(setup, Settings(), lambda done, every: None)
-            chain = long_chain(problem, smoothed.mean, options.steps)
-            exact = posterior_quantities(chain.last, history)
-            chance = max(
-                largest_differences(
-                    *(posterior_quantities(half, history) for half in _halves(chain.last))
-                ).values()
-            )
+            reference = reference_of(problem, smoothed.mean, options.steps)
+            exact = reference.quantiles(history)
+            chance = largest_differences(*(half.quantiles(history) for half in reference.halves))
             for samples in map(int, options.samples.split(",")):
                 begin = working_seconds()
                 posterior = sample_posterior(problem, smoothed.mean, SamplingOptions(samples=samples))
                 seconds = working_seconds() - begin
                 assert posterior is not None
-                differences = largest_differences(posterior_quantities(posterior.last, history), exact)
-                told = " ".join(f"{name} {value:.1f}" for name, value in differences.items())
+                mixtures = posterior_quantities(posterior.last, history)
+                differences = largest_differences(
+                    {k: each.quantiles() for k, each in mixtures.items()}, exact
+                )
+                words = (
+                    " ".join(f"{name} {value:.1f}" for name, value in each.items())
+                    for each in (differences, chance)
+                )
                 print(
-                    f"| {sensor} {seed} | {samples} | {seconds:.1f} | {posterior.last.shape:.2f} | {chain.accepted:.2f} "
-                    f"| {chain.spread:.2f} | {told} | {chance:.1f} |",
+                    f"| {sensor} {seed} | {samples} | {seconds:.1f} | {posterior.last.shape:.2f} "
+                    f"| {reference.accepted:.2f} | {reference.spread:.2f} | {' | '.join(words)} |",
                     flush=True,
                 )
 
 
-def _halves(chain: StateMixture) -> list[StateMixture]:
-    half = len(chain.weights) // 2
-    return [
-        replace(chain, means=chain.means[rows], factors=chain.factors[rows], weights=np.full(half, 1 / half))
-        for rows in (slice(0, half), slice(half, 2 * half))
-    ]
+def _halves(mixture: StateMixture) -> list[StateMixture]:
+    """A mixture's first and second half, or every second component of one that is in order of its proposal."""
+    half = len(mixture.weights) // 2
+    rows = (
+        (slice(0, half), slice(half, 2 * half))
+        if mixture.method == "surrogate"
+        else (slice(0, None, 2), slice(1, None, 2))
+    )
+    found = (
+        replace(mixture, means=mixture.means[r], factors=mixture.factors[r], weights=mixture.weights[r])
+        for r in rows
+    )
+    return [replace(each, weights=each.weights / each.weights.sum()) for each in found]
 
 
 if __name__ == "__main__":

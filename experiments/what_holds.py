@@ -1,6 +1,6 @@
 """What is said to hold of mixed recordings, right and faulty, compared with the truth.
 
-    python -m experiments.what_holds [--runs 300] [--first 0] [--quick] [--report] [-o runs/what-holds]
+    python -m experiments.what_holds [--runs 300] [--first 0] [--quick] [--kind NAME] [--report] [-o runs/what-holds]
 
 Draws recordings of a gyro, of poses and of tracks with and without a map: steady spins, flips, rich and fast motions of 40 to 50
 epochs, their noise stated or not. Half of them have a fault: a wrong model of any size, gross errors, or a wrong stated noise.
@@ -92,6 +92,7 @@ def main() -> None:
     parser.add_argument(
         "--quick", action="store_true", help="leaves out tracks without a map, which take longest"
     )
+    parser.add_argument("--kind", choices=tuple(KINDS), default=None, help="leaves out all others")
     parser.add_argument("--report", action="store_true", help="of the rows that are there")
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/what-holds"))
     options = parser.parse_args()
@@ -102,14 +103,16 @@ def main() -> None:
     if not options.report:
         known = {row["run"] for row in rows}
         missing = (each for each in asked if each not in known)
-        rows += rows_of_seeds(lambda number: _rows(number, options.quick), missing, path)
+        left_out = {NO_MAP} if options.quick else set()
+        kinds = ({options.kind} if options.kind else set(KINDS)) - left_out
+        rows += rows_of_seeds(lambda number: _rows(number, kinds), missing, path)
     for line in lines_of([row for row in rows if row["run"] in asked]):
         print(line)
 
 
-def _rows(number: int, without_long: bool) -> Iterator[dict[str, Any]]:
+def _rows(number: int, kinds: set[str]) -> Iterator[dict[str, Any]]:
     recording = drawn(number)
-    if not (without_long and recording.kind == NO_MAP):
+    if recording.kind in kinds:
         yield from rows_of(number, recording)
 
 

@@ -51,8 +51,8 @@ class RunArguments:
     reference: Annotated[
         str | None,
         Argument(
-            "another instrument's poses or rates of the body (TUM, a table with a header, an OptiTrack export), on its own clock "
-            "and in its own axes: reference.json, reference-<estimator>.png, reference-differences-<estimator>.png",
+            "another instrument's poses, attitudes or rates of the body (any recording that compare reads), on its own clock and "
+            "in its own axes: reference.json, reference.npz, reference-<estimator>.png, reference-differences-<estimator>.png",
             metavar="FILE",
         ),
     ] = None
@@ -77,7 +77,7 @@ class RunArguments:
         tuple[str, ...],
         Argument(
             "with --predict: several inertias from the last state, of estimators, of the truth or of TOML files "
-            "(principal_moments and principal_axes_g, or inertia_g): race.json, race.csv, race.png",
+            "(principal_moments and principal_axes_g, or inertia_g): race.json, race.csv, race.npz, race.png",
             metavar="NAME,FILE",
             cure='names of estimators, "truth" or files, such as "smoother,cad.toml"',
         ),

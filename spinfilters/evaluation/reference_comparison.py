@@ -31,6 +31,7 @@ from spinfilters.evaluation.reference_fit import (
     ReferenceFit,
     axis_and_angle,
     fit_reference,
+    hidden_error,
     nearest_flip,
     reference_rates,
 )
@@ -137,6 +138,9 @@ class ReferenceComparison:
         About m, rad/s: with the flip alone, and corrected.
     rate_rms_i : float
         Root mean square of the rates' difference in axes i, rad/s, as the errors against a truth are.
+    hidden : float
+        Root mean square of the error of attitude, rad, that the fit is expected to have taken up
+        (`spinfilters.evaluation.reference_fit.hidden_error`); of the rate, rad/s, for rates alone.
     inertia : (3, 3) float array
         Estimated, about m, over the largest moment.
     rate_std, velocity_std : float
@@ -159,6 +163,7 @@ class ReferenceComparison:
     rate_before: Course
     rate_after: Course
     rate_rms_i: float
+    hidden: float
     inertia: Float[np.ndarray, "3 3"]
     rate_std: float
     velocity_std: float
@@ -244,6 +249,13 @@ class ReferenceComparison:
         }
 
     @property
+    def attitude_rms_with_hidden(self) -> float | None:
+        """Expected root mean square error of the attitude against the truth, rad: with what the fit took up."""
+        return (
+            None if self.attitude is None else float(np.hypot(root_mean_square(self.attitude), self.hidden))
+        )
+
+    @property
     def sentences(self) -> list[str]:
         """Sentences on the fitted clock offset, axes, origin and frame."""
         fit, found = self.fit, []
@@ -309,6 +321,7 @@ class ReferenceComparison:
             "gaps_s": [list(gap) for gap in self.reference.gaps],
             "rows": len(self.rate_after.time) if self.attitude is None else len(self.attitude),
             "rms": self.rms,
+            "attitude_rms_with_hidden_rad": self.attitude_rms_with_hidden,
             "energy_changes": {
                 name: {whose: {"relative": change, "std": std} for whose, (change, std) in changes.items()}
                 for name, changes in self.energy_changes.items()
@@ -366,6 +379,7 @@ def compare_with_reference(history: EstimateHistory, reference: ReferenceMotion)
         rate_before,
         rate_after,
         rms,
+        hidden_error(fit, motion, reference),
         fit.axes.T @ motion.inertia @ fit.axes / float(np.linalg.eigvalsh(motion.inertia)[-1]),
         motion.rate_std,
         motion.velocity_std,

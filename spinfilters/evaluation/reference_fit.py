@@ -182,10 +182,7 @@ def fitted_residuals(
     reference : ReferenceMotion
         Of both stretches.
     """
-    problem = _Problem(motion, reference, fit.clock_offset)
-    problem.X, problem.Y, problem.s, problem.noise = fit.frame, fit.axes, fit.shift, np.array(fit.noise)
-    problem.o = np.zeros(3) if fit.origin is None else fit.origin
-    problem.clock_is_free = fit.has_clock
+    problem = _fitted_problem(fit, motion, reference)
     begin, end = motion.span
     own_clock = reference.time - fit.clock_offset
     problem.inside = (own_clock > begin) & (own_clock <= end)
@@ -196,6 +193,30 @@ def fitted_residuals(
     std = np.sqrt(variance + (own**2 + np.square(fit.noise[: own.shape[1]]))[..., np.newaxis])
     place, place_std = (e[:, 1], std[:, 1]) if e.shape[1] > 1 else (None, None)
     return FittedResiduals(own_clock[problem.inside], e[:, 0], std[:, 0], place, place_std)
+
+
+def hidden_error(fit: ReferenceFit, motion: ContinuousMotion, reference: ReferenceMotion) -> float:
+    """Root mean square length of the error of attitude, rad, that the fit of an estimate to a reference takes up.
+
+    What is fitted is off by some step d of covariance C, so that rows of derivatives J hide J d of the error: an error against the
+    truth has the expected square of the residual plus J C J'. Rad/s where the reference has rates alone.
+    """
+    problem = _fitted_problem(fit, motion, reference)
+    begin, end = motion.span
+    own_clock = reference.time - fit.clock_offset
+    problem.inside = (own_clock >= begin) & (own_clock <= end)
+    _, J, _ = problem.rows()
+    variance = np.einsum("kip,pq,kiq->k", J[:, 0], fit.covariance, J[:, 0])
+    return float(np.sqrt(max(float(np.mean(variance)), 0.0)))
+
+
+def _fitted_problem(fit: ReferenceFit, motion: ContinuousMotion, reference: ReferenceMotion) -> "_Problem":
+    """The problem at its solution."""
+    problem = _Problem(motion, reference, fit.clock_offset)
+    problem.X, problem.Y, problem.s, problem.noise = fit.frame, fit.axes, fit.shift, np.array(fit.noise)
+    problem.o = np.zeros(3) if fit.origin is None else fit.origin
+    problem.clock_is_free = fit.has_clock
+    return problem
 
 
 def nearest_flip(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:

@@ -110,7 +110,7 @@ class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
         setup : Setup
             Holds the belief that it begins with.
         """
-        estimator.start(setup.initial.belief)
+        estimator.start(setup.belief.state)
 
     def final(self, estimator: Built, passed: "EstimateHistory", setup: "Setup") -> "EstimateHistory | None":
         """Final estimates of all epochs, those of the initialisation among them.

@@ -12,6 +12,7 @@ from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.filters.square_root import triangular_factor
 from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline, run, times_of
 from spinfilters.inference.identification import Identified, identify
 from spinfilters.inference.identified_noise import Unstated, noise_model
@@ -29,6 +30,7 @@ from spinfilters.models.state_blocks import RATE
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.settings.run_settings import InitialisationOptions
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
+from spinfilters.smoother.mass_posterior import MassSampler, can_be_walked
 from spinfilters.smoother.motion_factors import without_refused
 from spinfilters.smoother.problem import problem_of
 
@@ -132,6 +134,45 @@ def departure_of(
     if history.has_failed:
         return np.inf
     return _length(later.belief, history.mean[-1])
+
+
+def belief_beyond_tangent(process: ProcessModel, timeline: Timeline, start: InitialEstimate) -> Gaussian:
+    """Belief at the end of an initialisation, wider by what its Gaussian lacks where filters depart from the smoother.
+
+    The states that agree with the first epochs then lie along a curve, and the Gaussian follows its tangent. A filter keeps
+    that for certain while its mean moves along the curve, so that it ends over-confident, above all without process noise. With
+    the second derivatives c along the soft directions (`MassSampler.bends`) the mean square of the errors about the mean is
+
+        P + 3/4 sum of c c'.
+
+    Parameters
+    ----------
+    start : InitialEstimate
+        Of the first epochs of the timeline.
+
+    Returns
+    -------
+    Gaussian
+        That of the estimate where filters do not depart from the smoother, or nothing can be computed.
+    """
+    count = len(start.mean)
+    if not start.departure > LARGEST_DEPARTURE or start.has_landmarks or not np.isfinite(start.factor).all():
+        return start.belief
+    epochs = without_refused(timeline[:count], start.refused)
+    problem = problem_of(process, epochs, start.ids, start.prior, OBSERVATIONS_NEEDED)
+    if not can_be_walked(problem, count):
+        return start.belief
+    try:
+        with np.errstate(all="ignore"):
+            bends = MassSampler(problem).bends(start.mean)
+    except NUMERICAL_ERRORS:
+        return start.belief
+    if not np.isfinite(bends).all():
+        return start.belief
+    rows = np.concatenate(
+        [start.factor[-1], np.sqrt(0.75) * bends.T], axis=1
+    )  # rows rows' = P + 3/4 sum of c c'
+    return Gaussian(start.layout, start.mean[-1], triangular_factor(rows.T))
 
 
 def _is_enough(found: InitialEstimate) -> bool:

@@ -1,8 +1,9 @@
 """The smoother on a prepared data set, with noise that is not stated identified on its own epochs."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,6 +32,9 @@ from spinfilters.smoother.problem import InitialGuess, Problem, problem_of
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from spinfilters.smoother.sliding_smoother import MarginalizedState, UpdateResult
 from spinfilters.smoother.window import WindowPolicy
+
+if TYPE_CHECKING:
+    from spinfilters.smoother.posterior import Posterior
 
 
 def measured_motion(setup: Setup) -> InitialMotion:
@@ -222,10 +226,28 @@ def sample_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Estim
     from spinfilters.smoother.posterior import sample_posterior
 
     smoothed = _smoothed_at_once(setup, settings, on_epoch)
-    history, begin = replace(smoothed.history, name=POSTERIOR), working_seconds()
-    found = None
+    return _sampled(smoothed.history, lambda: sample_posterior(smoothed.problem, smoothed.found.mean))
+
+
+def sampled_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
+    """`sample_at_once` of tracks without a map, whose landmarks are integrated out; no epoch may have left the window."""
+    from spinfilters.smoother.posterior import sample_posterior
+
+    history, sliding = smoothed_history(smoother, passed, setup), smoother.sliding
+
+    def sample() -> "Posterior | None":
+        """About the window's solution."""
+        window, used = sliding.window, sliding.solution.normal.used
+        return sample_posterior(sliding.problem(), window.trajectory, points=window.points, used=used)
+
+    return _sampled(history, sample)
+
+
+def _sampled(history: EstimateHistory, sample: Callable[[], "Posterior | None"]) -> EstimateHistory:
+    """A smoother's history as the estimator `posterior` has it."""
+    history, begin, found = replace(history, name=POSTERIOR), working_seconds(), None
     with suppress(*NUMERICAL_ERRORS):
-        found = sample_posterior(smoothed.problem, smoothed.found.mean)
+        found = sample()
     if found is None:
         return replace(history, status=history.status.failed("the posterior could not be sampled"))
     runtime = history.runtime + (working_seconds() - begin) / len(history.time)

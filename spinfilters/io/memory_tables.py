@@ -201,7 +201,7 @@ def _array(
 
 
 def array_columns(columns: Mapping[Any, Any], path: Path = Path(TABLE)) -> ArrayColumns:
-    """Named columns of arrays, lists or series; dates become ns from 1970.
+    """Named columns of arrays, lists or series; of dates a clock may be, whatever it is called.
 
     Parameters
     ----------
@@ -231,12 +231,18 @@ def array_columns(columns: Mapping[Any, Any], path: Path = Path(TABLE)) -> Array
             )
         text = str(name)
         if array.dtype.kind in "mM":
-            text, array = f"{text} (ns)", array.astype(f"{array.dtype.kind}8[ns]").astype(np.int64)
+            text = _clock_name(text)
         names.append(text)
         arrays.append(array)
     if not names:
         raise InputError(f"{path_text(path)}: has no columns; give a clock and body rates, or poses")
     return ArrayColumns(path, tuple(names), tuple(arrays))
+
+
+def _clock_name(name: str) -> str:
+    """Name of a column of dates, by which it is recognised as a clock."""
+    heading = heading_of(name)
+    return name if heading is not None and heading.quantity == "time" else f"{name} (s)"
 
 
 def _without_mask(values: Any) -> np.ndarray:

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.calendar_clock import seconds_of_clock, seconds_of_dates
+from spinfilters.io.input_file import parse_number, path_text, value_text
 from spinfilters.io.text_table import Table, TableLayout, read_columns
 
 
@@ -24,6 +25,11 @@ class NamedColumns(Protocol):
     @property
     def names(self) -> tuple[str, ...]:
         """Of all columns."""
+        ...
+
+    @property
+    def stated_rate(self) -> float | None:
+        """Samples a second, Hz, as the lines above the header say; None of others."""
         ...
 
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
@@ -45,6 +51,11 @@ class TextColumns:
     def names(self) -> tuple[str, ...]:
         """Of all columns."""
         return self.layout.names
+
+    @property
+    def stated_rate(self) -> float | None:
+        """See `NamedColumns.stated_rate`."""
+        return self.layout.rate
 
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
         """See `NamedColumns.read`."""
@@ -69,6 +80,11 @@ class ArrayColumns:
     names: tuple[str, ...]
     columns: tuple[np.ndarray, ...]
 
+    @property
+    def stated_rate(self) -> float | None:
+        """None: there are no lines above."""
+        return None
+
     def __post_init__(self) -> None:
         lengths = {name: len(column) for name, column in zip(self.names, self.columns, strict=True)}
         if len(set(lengths.values())) > 1:
@@ -80,7 +96,10 @@ class ArrayColumns:
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
         """See `NamedColumns.read`; rows are counted from 0."""
         names = tuple(self.names[k] for k in columns)
-        numbers = [_numbers(self.path, self.names[k], self.columns[k]) for k in columns]
+        is_dated = keys > 0 and _is_dated(self.columns[columns[0]])
+        numbers = [_numbers(self.path, self.names[k], self.columns[k]) for k in columns[is_dated:]]
+        if is_dated:
+            numbers.insert(0, _seconds(self.path, names[0], self.columns[columns[0]]))
         values = np.column_stack(numbers) if numbers else np.empty((0, 0))
         measured = ~np.isnan(values[:, keys:]).all(axis=1)
         rows, values = np.flatnonzero(measured), values[measured]
@@ -95,7 +114,39 @@ class ArrayColumns:
             )
         left_out = int(np.count_nonzero(~measured))
         layout = TableLayout(self.names, header_line=0)
-        return Table(self.path, layout, names, values, rows.tolist(), left_out, counted="row")
+        return Table(
+            self.path, layout, names, values, rows.tolist(), left_out, counted="row", is_dated=is_dated
+        )
+
+
+def _is_dated(clock: np.ndarray) -> bool:
+    """Whether a clock is one of dates, durations or times of the day; of texts and objects the first says how all are written."""
+    if clock.dtype.kind in "mM":
+        return True
+    return clock.dtype.kind in "OUT" and len(clock) > 0 and _instant(clock[0]) is not None
+
+
+def _instant(cell: object) -> float | None:
+    """Seconds of a cell that is written as a clock, whatever object it is; None of any other."""
+    try:
+        return seconds_of_clock(str(cell))
+    except Exception:  # whatever a foreign object raises, and a number of 5000 digits
+        return None
+
+
+def _seconds(path: Path, name: str, clock: np.ndarray) -> Float[np.ndarray, " n"]:
+    """Seconds of a clock of dates. InputError: the first cell that is none."""
+    if clock.dtype.kind in "mM":
+        return seconds_of_dates(clock)
+    cells = clock.tolist()
+    seconds = [_instant(cell) for cell in cells]
+    if None in seconds:
+        row = seconds.index(None)
+        raise InputError(
+            f"{path_text(path)}: row {row}: {value_text(name)} is {value_text(cells[row])}, no date or time of the day as in the "
+            "row above; correct or delete the row"
+        )
+    return np.array(seconds, dtype=np.float64)
 
 
 def _numbers(path: Path, name: str, column: np.ndarray) -> Float[np.ndarray, " n"]:
@@ -103,16 +154,18 @@ def _numbers(path: Path, name: str, column: np.ndarray) -> Float[np.ndarray, " n
     if column.dtype.kind in "iuf":
         return column.astype(np.float64)
     values = np.full(len(column), np.nan)
-    for row, cell in enumerate(column.tolist()):
+    # the numbers of dates depend on their unit
+    cells = column.astype(str) if column.dtype.kind in "mM" else column
+    for row, cell in enumerate(cells.tolist()):
         if cell is None:
             continue
         try:
             if isinstance(cell, bool | complex):
                 raise TypeError
-            values[row] = float(cell)
+            values[row] = parse_number(cell) if isinstance(cell, str | bytes) else float(cell)
         except (TypeError, ValueError, OverflowError):
+            cure = "correct or delete the row" if _instant(cell) is None else "give seconds"
             raise InputError(
-                f"{path_text(path)}: row {row}: {value_text(name)} is {value_text(cell)}, not a number; "
-                "correct or delete the row"
+                f"{path_text(path)}: row {row}: {value_text(name)} is {value_text(cell)}, not a number; {cure}"
             ) from None
     return values

@@ -13,7 +13,6 @@ from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -21,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError, RowError
+from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     ignored_warnings,
@@ -33,7 +33,7 @@ from spinfilters.io.input_file import (
     value_text,
 )
 from spinfilters.io.output_files import atomic_file
-from spinfilters.io.stated_values import NumberRange, to_state
+from spinfilters.io.stated_values import SAMPLING_RATE, NumberRange, to_state
 
 COMMENTS: Final = ("#", "//", "!")
 """Marks of comment lines in tables of others; '%' begins the header of some exports and is dropped there."""
@@ -48,11 +48,6 @@ _BYTE_ORDER_MARKS = (
 )
 _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
 """Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
-_CLOCK = re.compile(
-    r"(?:(\d{4})[-/](\d{1,2})[-/](\d{1,2})[T ]\s*)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*(?:Z|UTC|([+-])(\d{2}(?::?\d{2})?))?",
-    re.IGNORECASE,
-)
-"""A date and a time of the day, or the latter alone."""
 _LARGEST_ID = 2.0**53  # above it float64 does not distinguish whole numbers
 _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
 
@@ -82,6 +77,8 @@ class TableLayout:
         Whether the decimal mark is a comma.
     comments : tuple[str, ...]
         Marks of comment lines. Without any the table is strict, as our own formats are: no quotes and no empty cells.
+    rate : float | None
+        Samples a second, Hz, as the lines above the header say; None where they do not.
     """
 
     names: tuple[str, ...]
@@ -90,6 +87,7 @@ class TableLayout:
     delimiter: str | None = ","
     decimal_comma: bool = False
     comments: tuple[str, ...] = ()
+    rate: float | None = None
 
     @property
     def comment(self) -> str | None:
@@ -121,6 +119,8 @@ class TableLayout:
             with suppress(csv.Error):  # of a cell beyond all measure
                 cells = next(csv.reader([text], delimiter=self.delimiter or " "), [])
         cells = [cell.strip() for cell in (text.split(self.delimiter) if cells is None else cells)]
+        if self.delimiter is None and len(cells) > len(self.names) and self.comments:
+            cells = re.split(r"\s{2,}|\t", text.strip())  # cells with blanks in them, such as dates
         if self.comments and cells[-1:] == [""] and len(cells) == len(self.names) + 1:
             cells.pop()
         return cells
@@ -250,6 +250,8 @@ def read_blank_separated(path: Path, names: Sequence[str]) -> Table:
 def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     """Layout of a table that others export, by its header: the first line of words above a line of numbers.
 
+    The lines above it may state the rate of its samples.
+
     Parameters
     ----------
     path : Path
@@ -265,6 +267,35 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     require_file(path, MAX_TABLE_BYTES)
     encoding = _encoding(path)
     require_text_table(path, encoding)
+    layout = _found_layout(path, stated, encoding)
+    return replace(layout, rate=_stated_rate(path, layout))
+
+
+_RATE_WORDS = re.compile(
+    r"(?:(?:update|sample|sampling|output|capture)[ _]?(?:rate|frequency)|(?<![A-Za-z_])FREQUENCY)\W{0,3}(\d{1,6}(?:\.\d{1,9})?)\s*"
+    r"(?:Hz|fps)?(?=[,;\s]|$)",
+    re.IGNORECASE,
+)
+_VICON_GROUPS = ("Objects", "Segments", "Trajectories")
+"""Lines of a table of Vicon, below which its rate stands alone."""
+
+
+def _stated_rate(path: Path, layout: TableLayout) -> float | None:
+    """Rate in the lines above a header, Hz; None where they state none, or two."""
+    rates, before = set(), ""
+    with open(path, encoding=layout.encoding) as stream:
+        for _ in range(min(layout.header_line, PREAMBLE_LINES)):
+            line = stream.readline().strip()
+            rates |= {float(each) for each in _RATE_WORDS.findall(line)}
+            if before in _VICON_GROUPS and _is_numbers(line) and len(line.split()) == 1:
+                rates.add(float(line))
+            before = line
+    rate = rates.pop() if len(rates) == 1 else 0.0
+    return rate if 0.0 < rate <= SAMPLING_RATE.largest else None
+
+
+def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayout:
+    """Layout of a table in this encoding. InputError: see `read_layout`."""
     # no cell is known before the header is found, so that delimiters alone leave a line empty
     preamble = TableLayout((), encoding, header_line=0, comments=COMMENTS)
     held: list[_NumberedLine] = []
@@ -346,7 +377,7 @@ def _stated_layout(path: Path, names: tuple[str, ...], number: int, line: str, e
     delimiter = max(_DELIMITERS, key=line.count)
     separator = delimiter if delimiter in line else None
     cells = len(line.split(separator))
-    if cells != len(names):
+    if cells != len(names) + _ends_empty(line, separator):
         raise InputError(
             f"{path_text(path)}: line {number}: has {cells} cells, and the stated columns are {len(names)}; "
             "name every column, with - for those to leave out"
@@ -406,10 +437,21 @@ def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | Non
     while place > 0 and len(set(filter(None, rows[place]))) < 3:  # such as types of the columns
         place -= 1
     names = rows[place]
+    kinds = next(
+        (each for each in rows[:place] if "Type" in each[:2]), None
+    )  # Motive, markers of the bodies among them
+    if kinds is not None and "Rigid Body" in kinds:
+        names = [
+            name if kind in ("Rigid Body", "", "Type") else ""
+            for name, kind in zip(names, kinds, strict=True)
+        ]
     if sum(map(bool, names)) < 3 or not any(each.isalpha() for name in names for each in name):
         return None
     if len(set(filter(None, names))) < sum(map(bool, names)) and place:  # X, Y, Z of several groups
-        names = [f"{group} {name}".strip() for group, name in zip(rows[place - 1], names, strict=True)]
+        names = [
+            f"{group} {name}".strip() if name else ""
+            for group, name in zip(rows[place - 1], names, strict=True)
+        ]
         length = _stated_length(lines)
         names = [f"{name} ({length})" if length and name.startswith("Position ") else name for name in names]
     names = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
@@ -450,7 +492,10 @@ def _stated_length(lines: Sequence[_NumberedLine]) -> str:
 
 
 def _is_row(line: str) -> bool:
-    """Whether a line is a row of at least three numbers whose first cell is one."""
+    """Whether a line is a row of at least three numbers whose first cell is one, or is a date."""
+    cells = _split(line, max(_DELIMITERS, key=line.count))
+    if cells and seconds_of_clock(cells[0]) is not None:
+        return sum(map(_is_numbers, cells[1:])) >= 3
     return (
         _is_numbers(line)
         and line.lstrip(" ")[:1] not in _DELIMITERS
@@ -463,7 +508,16 @@ def _has_stated(line: str, names: Sequence[str]) -> bool:
     delimiter = max(_DELIMITERS, key=line.count)
     cells = _split(line, delimiter) if delimiter in line else line.split()
     chosen = [cell for cell, name in zip(cells, names, strict=False) if name != "-"]
-    return len(cells) == len(names) and bool(chosen) and all(map(_is_numbers, chosen))
+    return (
+        len(cells) == len(names) + _ends_empty(line, delimiter)
+        and bool(chosen)
+        and all(map(_is_numbers, chosen))
+    )
+
+
+def _ends_empty(line: str, delimiter: str | None) -> bool:
+    """Whether the last cell of a line is empty, as behind a delimiter at its end."""
+    return delimiter is not None and line.rstrip(" \r\n").endswith(delimiter)
 
 
 def _has_decimal_comma(delimiter: str | None, line: str) -> bool:
@@ -473,7 +527,7 @@ def _has_decimal_comma(delimiter: str | None, line: str) -> bool:
 
 def _is_numbers(line: str) -> bool:
     """Whether a line holds numbers and no more."""
-    cells = line.replace(";", " ").replace(",", " ").split()
+    cells = re.sub("[;,|]", " ", line).split()
     try:
         for cell in cells:
             float(cell)
@@ -581,29 +635,6 @@ def _read_each_line(path: Path, layout: TableLayout, columns: Sequence[int] | No
         raise InputError(f"{path_text(path)}: has no rows of numbers; export or copy it again")
     values = np.frombuffer(numbers, dtype=np.float64).reshape(len(lines), len(names)).copy()
     return Table(path, layout, names, values, lines, incomplete, is_dated=is_dated)
-
-
-def seconds_of_clock(cell: str) -> float | None:
-    """Seconds of a date with a time of the day, or of a time of the day alone; None of any other text.
-
-    A date counts from 1970, UTC unless it states its zone, as in 2026-11-26T12:00:00.25+01:00; a time of the day from midnight.
-    """
-    found = _CLOCK.fullmatch(cell.strip())
-    if found is None:
-        return None
-    year, month, day, hour, minute, second, zone, ahead = found.groups()
-    seconds = 3600.0 * int(hour) + 60.0 * int(minute) + float(second.replace(",", "."))
-    if int(hour) > 23 or int(minute) > 59:
-        return None
-    if zone and ahead:
-        sign, digits = (-1.0 if zone == "-" else 1.0), ahead.replace(":", "")
-        seconds -= sign * (3600.0 * int(digits[:2]) + 60.0 * int(digits[2:] or 0))
-    if year is None:
-        return seconds
-    try:
-        return datetime(int(year), int(month), int(day), tzinfo=UTC).timestamp() + seconds
-    except ValueError:  # a month of 13
-        return None
 
 
 def _seconds(where: str, name: str, cell: str) -> float:

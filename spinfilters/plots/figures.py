@@ -2,7 +2,7 @@
 
 import gc
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -471,7 +471,7 @@ def _searched_behind_figures() -> Iterator[None]:
             gc.enable()
 
 
-def drawn_figure(figure_data: FigureData, name: str) -> "Figure":
+def drawn_figure(figure_data: FigureData, name: str, others: Iterable[str] = ()) -> "Figure":
     """One figure of a run; a note where its numbers cannot be drawn.
 
     Parameters
@@ -480,6 +480,8 @@ def drawn_figure(figure_data: FigureData, name: str) -> "Figure":
         Data of the run.
     name : str
         Of a figure, without the suffix of its file.
+    others : iterable of str
+        Names that the caller draws itself, for the message.
 
     Returns
     -------
@@ -497,7 +499,7 @@ def drawn_figure(figure_data: FigureData, name: str) -> "Figure":
     if name not in figures:
         missing = {entry.name: entry.lacks(figure_data) for entry in figure_entries()}.get(name)
         why = "is unknown" if missing is None else f"needs {missing}"
-        raise InputError(f"figure {value_text(name)} {why}; choose from {', '.join(figures)}")
+        raise InputError(f"figure {value_text(name)} {why}; choose from {', '.join((*figures, *others))}")
     return drawn(figures[name], name)
 
 

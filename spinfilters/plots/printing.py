@@ -5,14 +5,17 @@ keep their size, so that panels of different figures look alike on a page. A who
 """
 
 import math
+import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from typing import Final, Literal
 
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_mixed import MixedModeRenderer
+from matplotlib.backends.backend_pdf import Op, PdfFile, RendererPdf
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from spinfilters.core.errors import InputError
@@ -25,8 +28,12 @@ INCH_MM: Final = 25.4
 PASSES: Final = 3
 """Layouts of a scaled figure: letters do not scale, so that a panel comes near its width step by step."""
 MARGIN_INCHES: Final = 0.03
+POINTS: Final = 72.0
+"""Of an inch, in vector files."""
 DPI: Final = 300
 """Of surfaces within vector files, and of PNG files."""
+_SIDE: Final = re.compile(r'\b(width|height)="([0-9.]+)pt"')
+"""Sides that an SVG file states first of all."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +85,9 @@ def printed_figure(figure: Figure, name: str, style: PrintStyle) -> dict[str, by
     """
     with ONE_DRAWS:
         if not style.panels:
-            if style.width_mm is not None:
-                _scale_all(figure, style.width_mm / INCH_MM / figure.get_figwidth())
-            return {f"{name}.{style.form}": picture_bytes(figure, style.form, dpi=DPI)}
+            width = style.width_mm
+            factor = 1.0 if width is None else width / INCH_MM / figure.get_figwidth()
+            return {f"{name}.{style.form}": _scaled_picture(figure, style.form, factor)}
         return dict(_panel_files(figure, name, style))
 
 
@@ -169,13 +176,41 @@ def _label_of_row(axes: Axes) -> str:
     return ""
 
 
-def _scale_all(figure: Figure, factor: float) -> None:
-    """Scale a figure with letters and lines."""
-    figure.set_size_inches(*(factor * side for side in figure.get_size_inches()))
-    for text in figure.findobj(Text):
-        assert isinstance(text, Text)
-        text.set_fontsize(factor * float(text.get_fontsize()))
-    for line in figure.findobj(Line2D):
-        assert isinstance(line, Line2D)
-        line.set_linewidth(factor * line.get_linewidth())
-        line.set_markersize(factor * line.get_markersize())
+def _scaled_picture(figure: Figure, form: str, factor: float) -> bytes:
+    """The figure as it is laid out in its own size, then scaled with letters, lines and every distance."""
+    if factor == 1.0 or form == "png":
+        return picture_bytes(figure, form, dpi=DPI * factor)
+    if form == "pdf":
+        return _scaled_pdf(figure, factor)
+    content = picture_bytes(figure, form).decode()
+    head, tag, rest = content.partition("<svg ")
+    scaled = _SIDE.sub(lambda side: f'{side[1]}="{factor * float(side[2]):.6f}pt"', rest, count=2)
+    return (head + tag + scaled).encode()  # the view box stays
+
+
+def _scaled_pdf(figure: Figure, factor: float) -> bytes:
+    """A page of the scaled size, whose coordinates are scaled before anything is drawn."""
+    target, (width, height), own = BytesIO(), figure.get_size_inches(), figure.dpi
+    with _pdf_file(target) as file:
+        file.newPage(factor * width, factor * height)
+        file.width, file.height = width, height  # curves are cut at these, before they are scaled
+        file.output(factor, 0, 0, factor, 0, 0, Op.concat_matrix)
+        renderer = MixedModeRenderer(figure, width, height, DPI, RendererPdf(file, DPI, height, width))
+        try:
+            figure.dpi = POINTS
+            figure.draw(renderer)  # pyright: ignore[reportArgumentType]  (it has what a renderer has)
+        finally:
+            figure.dpi = own
+        renderer.finalize()
+    return target.getvalue()
+
+
+@contextmanager
+def _pdf_file(target: BytesIO) -> Iterator[PdfFile]:
+    """A PDF that is complete where nothing fails."""
+    file = PdfFile(target)
+    try:
+        yield file
+        file.finalize()
+    finally:
+        file.close()

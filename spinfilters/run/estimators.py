@@ -30,6 +30,7 @@ from spinfilters.inference.smoother_run import (
     POSTERIOR,
     begin_after_initialisation,
     sample_at_once,
+    sampled_history,
     sliding_smoother,
     smooth_and_sample,
     smoothed_history,
@@ -39,7 +40,7 @@ from spinfilters.models.rotation_integrator import substeps, turns
 from spinfilters.models.state_blocks import ACCELERATION, GYRO_BIAS
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
-from spinfilters.smoother.window import FixedLag
+from spinfilters.smoother.window import FixedLag, FullSmoothing
 
 if TYPE_CHECKING:
     from spinfilters.embedded.embedded_estimator import EmbeddedFilter
@@ -237,14 +238,13 @@ MOST_SAMPLED_EPOCHS = 400
 """Of a recording whose posterior is sampled: every sample holds all of them."""
 
 
-class PosteriorEntry(EstimatorEntry[RecursiveSmoother]):
+class PosteriorEntry(SmootherEntry):
     """Table entry of the reference posterior (`spinfilters.smoother.posterior`)."""
 
     name, order = POSTERIOR, 30
-    continues = False
 
-    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother:
-        """The sampler about the smoother's solution, `sample_at_once`.
+    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
+        """The sampler about the smoother's solution, `sample_at_once`; None where landmarks are estimated.
 
         Raises
         ------
@@ -256,11 +256,15 @@ class PosteriorEntry(EstimatorEntry[RecursiveSmoother]):
                 f"{self.name} takes at most {MOST_SAMPLED_EPOCHS} epochs, this recording has {len(setup.timeline)}; cut it "
                 "(--segment), or leave the estimator out"
             )
-        return BatchSmoother(setup, settings, sample_at_once)
+        return None if setup.initial.has_landmarks else BatchSmoother(setup, settings, sample_at_once)
 
     def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
-        """Never called: `batch` takes every recording that this estimator accepts."""
-        return sliding_smoother(setup, settings)
+        """The sliding smoother, which no epoch leaves."""
+        return sliding_smoother(setup, settings, FullSmoothing())
+
+    def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
+        """Samples about the smoother's solution."""
+        return sampled_history(estimator, passed, setup)
 
 
 class LatestSmootherEntry(SmootherEntry):

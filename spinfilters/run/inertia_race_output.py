@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from types import MappingProxyType
 from typing import Final
+from zipfile import ZIP_DEFLATED
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -24,11 +25,13 @@ from spinfilters.io.text_table import write_csv
 from spinfilters.io.truth import Truth
 from spinfilters.models.body import body_estimate
 from spinfilters.plots.prediction_figures import inertia_race_figure
-from spinfilters.plots.style import draw_figure
+from spinfilters.run.array_files import DAMAGED, read_arrays, unusable, write_arrays
+from spinfilters.run.pictures import Pictures, draw_pictures
 from spinfilters.run.predictions import stamps_ahead
-from spinfilters.run.run_folder import RACE_FILE, RACE_PICTURE, RACE_TABLE
+from spinfilters.run.run_folder import RACE_ARRAYS, RACE_FILE, RACE_PICTURE, RACE_TABLE
 
 SCHEMA: Final = 1
+CURE: Final = "run compare again with --resume --predict SECONDS --race NAMES"
 TRUTH: Final = "truth"
 TRUE_MOTION: Final = "the true motion"
 KEYS: Final = ("principal_moments", "principal_axes_g", "inertia_g")
@@ -49,7 +52,7 @@ def write_race(
     references: Mapping[str, ReferenceComparison] = MappingProxyType({}),
     with_figures: bool = True,
 ) -> list[str]:
-    """Write race.json, race.csv and race.png; returns the names of the pictures.
+    """Write race.json, race.csv, race.npz and race.png; returns the names of the pictures.
 
     All start from the attitude and rate of the first estimator after the last measurement. They are compared with the truth where
     it goes on, else with the attitudes of a reference that does, else with the first of them.
@@ -88,8 +91,31 @@ def write_race(
     if not with_figures:
         (folder / RACE_PICTURE).unlink(missing_ok=True)  # of an earlier race
         return []
-    draw_figure(lambda: inertia_race_figure(time, found, reference), folder / RACE_PICTURE)
-    return [RACE_PICTURE]
+    return draw_pictures(folder, race_figures(folder))
+
+
+def race_figures(folder: Path) -> Pictures:
+    """The picture of a run's race; none where there was no race.
+
+    Raises
+    ------
+    InputError
+        Its arrays are damaged.
+    """
+    path = folder / RACE_ARRAYS
+    if not path.exists():
+        return {}
+    try:
+        arrays = read_arrays(path)
+        time, names = np.asarray(arrays["time"], dtype=float), list(map(str, arrays["names"]))
+        attitude, rate = (np.asarray(arrays[name], dtype=float) for name in ("attitude", "rate"))
+        alike = attitude.shape == (len(names), len(time), 4) and rate.shape == (len(names), len(time), 3)
+        if len(names) < 2 or not (alike and all(np.isfinite(each).all() for each in (time, attitude, rate))):
+            raise ValueError("its rows do not belong together")
+    except DAMAGED as error:
+        raise unusable(path, "race of a run", error, CURE) from None
+    *found, reference = map(PropagatedInertia, names, attitude, rate)
+    return {RACE_PICTURE: lambda: inertia_race_figure(time, found, reference)}
 
 
 def _inertias(names: Sequence[str], good: Sequence[Evaluation], truth: Truth | None) -> list[NamedInertia]:
@@ -203,6 +229,17 @@ def _write(
             "rate_largest_rad_s": float(rate.max()),
         }
     write_csv(folder / RACE_TABLE, names, columns)
+    every = (*found, reference)
+    write_arrays(
+        folder / RACE_ARRAYS,
+        {
+            "time": time,
+            "names": np.array([each.name for each in every]),
+            "attitude": np.stack([each.attitude for each in every]),
+            "rate": np.stack([each.rate for each in every]),
+        },
+        ZIP_DEFLATED,
+    )
     write_json(
         folder / RACE_FILE,
         {

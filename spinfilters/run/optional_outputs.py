@@ -10,7 +10,6 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import read_settings_text
@@ -21,10 +20,11 @@ from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.run import smoother_convergence
 from spinfilters.run.array_files import finite_document
 from spinfilters.run.estimation import Comparison, compare_estimators
-from spinfilters.run.inertia_race_output import require_inertias, write_race
+from spinfilters.run.inertia_race_output import race_figures, require_inertias, write_race
+from spinfilters.run.pictures import Pictures, draw_pictures
 from spinfilters.run.predictions import (
-    draw_predictions,
     is_predicted,
+    prediction_figures,
     prediction_lines,
     times_ahead,
     write_predictions,
@@ -33,6 +33,8 @@ from spinfilters.run.preparation import prepare
 from spinfilters.run.reference_output import (
     ReferenceComparisons,
     compare_histories,
+    kept_reference,
+    reference_figures,
     reference_lines,
     write_reference,
 )
@@ -243,7 +245,9 @@ class OptionalOutputs:
     ) -> None:
         """Write into the folder of a written run; `lacking` lists what could not be made. Raises InputError."""
         evaluations = comparison.evaluations
-        compared = self._compare_with_reference([each.history for each in evaluations])
+        compared = None
+        if self.reference is not None:  # once for its own files and for predictions
+            compared = compare_histories([each.history for each in evaluations], self.reference)
         if self.predict_s is not None:
             self._write_predictions(
                 folder, comparison.setup.process, evaluations, self.predict_s, compared, with_figures
@@ -254,10 +258,6 @@ class OptionalOutputs:
             write_explanations(folder, comparison, settings)
         if compared is not None:
             write_reference(folder, compared, with_figures)
-
-    def _compare_with_reference(self, histories: Sequence[EstimateHistory]) -> ReferenceComparisons | None:
-        """Every estimator against the reference, once for its own files and for predictions; None without one."""
-        return None if self.reference is None else compare_histories(histories, self.reference)
 
     def _write_predictions(
         self,
@@ -286,7 +286,7 @@ class OptionalOutputs:
         """For a finished run (`finished_run`), no estimator running again; returns the names of the pictures made.
 
         Convergence is made where it is not whole. A prediction, which goes on from the last beliefs of the histories, is always
-        made: its seconds may be others than before.
+        made: its seconds may be others than before. The reference of an earlier call judges it where no other is given.
 
         Raises
         ------
@@ -306,16 +306,17 @@ class OptionalOutputs:
             own = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
             write_explanations(folder, own, settings)
             made.append(EXPLANATIONS_FILE)
+        reference = kept_reference(folder) if self.reference is None else self.reference
         compared = None
-        if self.reference is not None:
-            compared = self._compare_with_reference(read_histories(folder, settings.estimators))
+        if reference is not None and (self.reference is not None or self.predict_s is not None):
+            compared = compare_histories(read_histories(folder, settings.estimators), reference)
         if self.predict_s is not None:
             process = read_process(folder, settings.process.tolerance)
             evaluations = read_figure_data(folder).evaluations
             made += self._write_predictions(
                 folder, process, evaluations, self.predict_s, compared, with_figures
             )
-        if compared is not None:
+        if self.reference is not None and compared is not None:
             made += write_reference(folder, compared, with_figures)
         return made
 
@@ -335,6 +336,23 @@ class OptionalOutputs:
         return "no prediction was made: every estimator failed, or the prediction is not finite"
 
 
+def optional_figures(folder: Path, evaluations: Sequence[Evaluation], truth: Truth | None) -> Pictures:
+    """Pictures of predictions, race, reference and convergence whose numbers a run folder holds.
+
+    Raises
+    ------
+    InputError
+        A file that one is drawn from is missing or damaged.
+    """
+    compared = _kept_comparisons(folder, evaluations)
+    return {
+        **prediction_figures(folder, evaluations, {} if compared is None else compared.found),
+        **race_figures(folder),
+        **({} if compared is None else reference_figures(compared)),
+        **smoother_convergence.convergence_figures(folder, truth),
+    }
+
+
 def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth: Truth | None) -> list[str]:
     """Draw the additions of a run folder again; returns the names of the pictures.
 
@@ -343,9 +361,24 @@ def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth
     InputError
         A file that one is drawn from is missing or damaged; what else there is has been drawn.
     """
+
+    def draw_predictions() -> list[str]:
+        compared = _kept_comparisons(folder, evaluations)
+        found = {} if compared is None else compared.found
+        return draw_pictures(folder, prediction_figures(folder, evaluations, found))
+
+    def draw_reference() -> list[str]:
+        compared = _kept_comparisons(folder, evaluations)
+        return [] if compared is None else draw_pictures(folder, reference_figures(compared))
+
     drawn: list[str] = []
     faults: list[InputError] = []
-    for draw in (lambda: draw_predictions(folder, evaluations), lambda: _draw_convergence(folder, truth)):
+    for draw in (
+        draw_predictions,
+        lambda: draw_pictures(folder, race_figures(folder)),
+        draw_reference,
+        lambda: _draw_convergence(folder, truth),
+    ):
         try:
             drawn += draw()
         except InputError as error:
@@ -353,6 +386,12 @@ def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth
     if faults:
         raise faults[0]
     return drawn
+
+
+def _kept_comparisons(folder: Path, evaluations: Sequence[Evaluation]) -> ReferenceComparisons | None:
+    """Estimators against the reference that a run folder keeps; None without one."""
+    reference = kept_reference(folder)
+    return None if reference is None else compare_histories([each.history for each in evaluations], reference)
 
 
 def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:

@@ -1,13 +1,14 @@
 """Predictions of a run: tables and arrays of each estimator, pictures, and their errors where the truth goes on."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.evaluation.estimated_motion import estimated_rates, trajectory_of, write_trajectory_csv
@@ -28,9 +29,9 @@ from spinfilters.models.body import body_estimate
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.status import EstimatorStatus
 from spinfilters.plots.prediction_figures import prediction_errors_figure
-from spinfilters.plots.style import draw_figure
 from spinfilters.plots.time_courses import PAST, PredictionCurves, prediction_figure
 from spinfilters.run.array_files import finite_document, read_history, write_history
+from spinfilters.run.pictures import Pictures, draw_pictures
 from spinfilters.run.run_folder import PREDICTION_ARRAYS as ARRAYS
 from spinfilters.run.run_folder import (
     PREDICTION_ERRORS_PICTURE,
@@ -147,16 +148,13 @@ def write_predictions(
             )
         else:
             (folder / each.name / TABLE).unlink(missing_ok=True)
-    compared = _compared_with_truth(good, predicted)
-    compared |= _compared_with_references(
-        [ahead for each, ahead in zip(good, predicted, strict=True) if each.truth is None], references
-    )
+    compared = _compared(good, predicted, references)
     _write_errors(folder, seconds, good, compared)
-    if with_figures:
-        return _draw(folder, good, predicted, compared)
-    for name in (PREDICTION_PICTURE, PREDICTION_ERRORS_PICTURE):  # of an earlier prediction
-        (folder / name).unlink(missing_ok=True)
-    return []
+    pictures = _figures(good, predicted, compared) if with_figures else {}
+    for name in (PREDICTION_PICTURE, PREDICTION_ERRORS_PICTURE):
+        if name not in pictures:
+            (folder / name).unlink(missing_ok=True)  # of an earlier prediction
+    return draw_pictures(folder, pictures)
 
 
 def is_predicted(folder: Path) -> bool:
@@ -164,8 +162,12 @@ def is_predicted(folder: Path) -> bool:
     return any(folder.glob(f"*/{TABLE}"))
 
 
-def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[str]:
-    """Draw the predictions of a run folder again; returns the names of the pictures, none where not asked for.
+def prediction_figures(
+    folder: Path,
+    evaluations: Sequence[Evaluation],
+    references: Mapping[str, ReferenceComparison] = MappingProxyType({}),
+) -> Pictures:
+    """Pictures of the predictions of a run folder; none where there are none.
 
     Raises
     ------
@@ -176,33 +178,34 @@ def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[st
     paths = [folder / each.name / ARRAYS for each in good]
     told = [folder / PREDICTION_PICTURE, *paths, *(path.with_name(TABLE) for path in paths)]
     if not good or not any(path.exists() for path in told):
-        return []
+        return {}
     predicted = [_read_prediction(path, each.history) for path, each in zip(paths, good, strict=True)]
-    compared = _compared_with_truth(good, predicted)
-    # the reference of an earlier call is not in the folder: its picture stays
-    return _draw(folder, good, predicted, compared, keeps=any(each.truth is None for each in good))
+    return _figures(good, predicted, _compared(good, predicted, references))
 
 
-def _draw(
-    folder: Path,
+def _figures(
     good: Sequence[Evaluation],
     predicted: Sequence[EstimateHistory],
     compared: Mapping[str, PredictionErrors],
-    keeps: bool = False,
-) -> list[str]:
-    """Draw the predictions, and their errors where there are any; a picture of an earlier one goes, but for kept errors."""
+) -> Pictures:
+    """The predictions, and their errors where there are any."""
     motions = _predicted_motion([each.history for each in good], predicted)
-    drawn = []
-    for name, draw, what in (
-        (PREDICTION_PICTURE, lambda: prediction_figure(motions), motions),
-        (PREDICTION_ERRORS_PICTURE, lambda: prediction_errors_figure(compared), compared),
-    ):
-        if what:
-            draw_figure(draw, folder / name)
-            drawn.append(name)
-        elif not (keeps and name == PREDICTION_ERRORS_PICTURE):
-            (folder / name).unlink(missing_ok=True)
-    return drawn
+    found: dict[str, Callable[[], Figure]] = {}
+    if motions:
+        found[PREDICTION_PICTURE] = lambda: prediction_figure(motions)
+    if compared:
+        found[PREDICTION_ERRORS_PICTURE] = lambda: prediction_errors_figure(compared)
+    return found
+
+
+def _compared(
+    good: Sequence[Evaluation],
+    predicted: Sequence[EstimateHistory],
+    references: Mapping[str, ReferenceComparison],
+) -> dict[str, PredictionErrors]:
+    """Errors of every prediction against the truth, or else the reference."""
+    without_truth = [ahead for each, ahead in zip(good, predicted, strict=True) if each.truth is None]
+    return _compared_with_truth(good, predicted) | _compared_with_references(without_truth, references)
 
 
 def _compared_with_truth(

@@ -16,6 +16,7 @@ from spinfilters.inference.first_epochs import (
     GivenInitialisation,
     Initialiser,
     NoisyModels,
+    belief_beyond_tangent,
     with_identified_noise,
 )
 from spinfilters.inference.identified_noise import is_smallest
@@ -69,6 +70,9 @@ def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation |
             setup = first_setup(dataset, settings)
             if settings.process.gravity == AUTO:
                 setup = with_acceleration_if_identified(setup, settings)
+            if not setup.initial.has_landmarks:
+                belief = belief_beyond_tangent(setup.process, setup.timeline, setup.initial)
+                setup = replace(setup, belief=belief)
     return replace(setup, initial_seconds=working_seconds() - begin)
 
 

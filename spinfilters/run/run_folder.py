@@ -47,8 +47,9 @@ HISTORY_FILE, MAP_FILE, FRAME_FILE = "history.npz", "map.ply", "trajectory_g.tum
 REPORT_FILE = "report.html"
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
 PREDICTION_ERRORS_PICTURE = "prediction-errors.png"
-EXPLANATIONS_FILE, REFERENCE_FILE = "explanations.json", "reference.json"
-RACE_FILE, RACE_TABLE, RACE_PICTURE = "race.json", "race.csv", "race.png"
+EXPLANATIONS_FILE = "explanations.json"
+REFERENCE_FILE, REFERENCE_ARRAYS = "reference.json", "reference.npz"
+RACE_FILE, RACE_TABLE, RACE_ARRAYS, RACE_PICTURE = "race.json", "race.csv", "race.npz", "race.png"
 PREDICTION_FILE, PREDICTION_ERRORS_TABLE = "prediction.json", "prediction_errors.csv"
 PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE = (
     *("prediction.csv", "prediction.npz"),
@@ -359,7 +360,7 @@ def _clear(folder: Path, source: Path | None) -> None:
     pictures += [PREDICTION_ERRORS_PICTURE, RACE_PICTURE]
     pictures += [picture for name in estimator_names() for picture in reference_pictures(name)]
     documents = (SUMMARY_FILE, REPORT_FILE, EXPLANATIONS_FILE, REFERENCE_FILE, PREDICTION_FILE)
-    documents += (RACE_FILE, RACE_TABLE)
+    documents += (REFERENCE_ARRAYS, RACE_FILE, RACE_TABLE, RACE_ARRAYS)
     for name in (*documents, TRUTH_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
     if not _is_own_dataset(folder, source):

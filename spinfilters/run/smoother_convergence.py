@@ -8,6 +8,7 @@ from zipfile import ZIP_DEFLATED
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.figure import Figure
 
 from spinfilters.core.attitude_conversions import (
     continuous_quaternions,
@@ -49,8 +50,9 @@ from spinfilters.plots.settling import (
     course_animation,
     surfaces_figure,
 )
-from spinfilters.plots.style import PRINCIPAL_NAMES, draw_figure
+from spinfilters.plots.style import PRINCIPAL_NAMES
 from spinfilters.run.array_files import DAMAGED, read_arrays, unusable, write_arrays
+from spinfilters.run.pictures import Pictures, draw_pictures
 from spinfilters.run.run_folder import (
     CONSTANTS_PICTURE,
     CONVERGENCE_PICTURE,
@@ -298,21 +300,55 @@ def draw_convergence(
     truth : Truth or None
         In frame g of the data set; None without one.
     """
-    draw_figure(
-        lambda: convergence_figure(_convergence(found, latest_epochs(layout, found), truth)),
-        folder / CONVERGENCE_PICTURE,
-    )
+    settling = _settling_or_none(found, layout, truth)
+    draw_pictures(folder, _pictures(layout, found, truth, settling))
+    if settling is not None:
+        for name, animated in SETTLING_ANIMATIONS.items():
+            moving = course_animation(found.time, settling.quantities[name], Y_AXIS)
+            write_bytes(folder / NAME / animated, moving)
+
+
+def convergence_figures(folder: Path, truth: Truth | None) -> Pictures:
+    """Pictures of the convergence of a run folder, without its animations; none where it was not asked for.
+
+    Raises
+    ------
+    InputError
+        As `read_convergence_record`.
+    """
+    path = folder / NAME / ARRAYS
+    if not path.exists() and not (folder / CONVERGENCE_PICTURE).exists():
+        return {}
+    layout, found = read_convergence_record(path)
+    return _pictures(layout, found, truth, _settling_or_none(found, layout, truth))
+
+
+def _settling_or_none(
+    found: ConvergenceRecord, layout: StateLayout, truth: Truth | None
+) -> "Settling | None":
+    """None where the numbers lead nowhere: the first picture says that nothing can be drawn."""
     try:
-        settling, place = settling_of(found, layout, truth), folder / NAME
+        return settling_of(found, layout, truth)
     except NUMERICAL_ERRORS:
-        return  # the first picture says that nothing can be drawn
-    for name, quantity in settling.quantities.items():
-        draw = partial(surfaces_figure, found.time, quantity, found.closure)
-        draw_figure(draw, place / SURFACE_PICTURES[name])
-    draw_figure(partial(constants_figure, settling.constants, found.closure), place / CONSTANTS_PICTURE)
-    draw_figure(partial(costs_figure, settling.costs), place / COSTS_PICTURE)
-    for name, animated in SETTLING_ANIMATIONS.items():
-        write_bytes(place / animated, course_animation(found.time, settling.quantities[name], Y_AXIS))
+        return None
+
+
+def _pictures(
+    layout: StateLayout, found: ConvergenceRecord, truth: Truth | None, settling: "Settling | None"
+) -> Pictures:
+    pictures: dict[str, Callable[[], Figure]] = {
+        CONVERGENCE_PICTURE: lambda: convergence_figure(
+            _convergence(found, latest_epochs(layout, found), truth)
+        )
+    }
+    if settling is not None:
+        for name, quantity in settling.quantities.items():
+            surfaces = partial(surfaces_figure, found.time, quantity, found.closure)
+            pictures[f"{NAME}/{SURFACE_PICTURES[name]}"] = surfaces
+        constants = partial(constants_figure, settling.constants, found.closure)
+        pictures[f"{NAME}/{CONSTANTS_PICTURE}"] = constants
+        pictures[f"{NAME}/{COSTS_PICTURE}"] = partial(costs_figure, settling.costs)
+    return pictures
 
 
 def recorded_convergence(

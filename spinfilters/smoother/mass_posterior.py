@@ -6,7 +6,8 @@ out about its optimum x^(s) for each mass distribution s (Laplace; Tierney, Kada
 
     log p(s | y) = -J(x^(s), s) / 2 - log det H_xx(s) / 2 - log v(s) + constant,
 
-J the sum of squared residuals, those of the prior among them, and H_xx the information of the trajectory. This density of five
+J the sum of squared residuals, those of the prior among them, and H_xx the information of the trajectory. Landmarks, if there are
+any, are integrated out with it: x holds them too, and observations that the solution rejects stay out. This density of five
 dimensions is sampled. Nodes are set along the ridge, by steps in its softest direction with Newton's step in the other four. A
 mixture of t distributions at the nodes proposes samples. They are weighted by density over proposal, with a smoothed tail, whose
 Pareto shape says whether the weights can be relied upon (`spinfilters.core.importance_weights`).
@@ -21,18 +22,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights, smoothed_weights
-from spinfilters.core.robust_losses import LeastSquares
+from spinfilters.core.robust_losses import Gate, LeastSquares
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
 from spinfilters.models.state_layout import StateLayout
-from spinfilters.smoother.batch_smoother import BatchSmoothing
+from spinfilters.smoother.batch_smoother import FAR, BatchSmoothing
 from spinfilters.smoother.linear_system import Marginals, SchurSystem, latest_factor
 from spinfilters.smoother.priors import FirstStatePrior
-from spinfilters.smoother.problem import Problem, Stage
-from spinfilters.smoother.solver import SolverOptions, solve
+from spinfilters.smoother.problem import NormalEquations, Problem, Stage
+from spinfilters.smoother.solver import ConstantSchedule, SolverOptions, solve
 
 FIXED_STD = 1e-6
 """Standard deviation of a prior that fixes the mass distribution; its share of log det H is the same for all."""
@@ -50,6 +51,8 @@ PROPOSAL_DOF, PROPOSAL_WIDTH = 6.0, 1.25
 """Degrees of freedom of the t distributions, and their width over the local one."""
 SMALLEST_GAP = 1e-6
 """Half a difference of eigenvalues below which sinh(d) / d is 1 to rounding."""
+SOFT = 0.02
+"""Standard deviation of the logarithm of second moments, beyond which states may bend by more than noise moves them."""
 SAMPLES, TRIED = 256, 80
 """Samples of the mixture, and of the Gaussian belief whose Pareto shape is asked for."""
 WIDE = 0.1
@@ -59,7 +62,6 @@ MOST_EPOCHS = 600
 SMALLEST_UNIFORM = 1e-9
 """Of points of the unit cube, which have no sample at its faces."""
 NO_POINTS = np.zeros((0, 3))
-STRICT = Stage(LeastSquares())
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,8 @@ class MassNode:
     ----------
     trajectory : ndarray of float, shape (k, m)
         Most probable states given the mass distribution, which is that of every epoch.
+    points : ndarray of float, shape (L, 3)
+        Most probable landmarks, m, frame g.
     log_density : float
         log p(s | y) up to the constant.
     step : ndarray of float, shape (5,)
@@ -81,6 +85,7 @@ class MassNode:
     """
 
     trajectory: Float[np.ndarray, "k m"]
+    points: Float[np.ndarray, "L 3"]
     log_density: float
     step: Float[np.ndarray, " 5"]
     covariance: Float[np.ndarray, "5 5"]
@@ -101,6 +106,8 @@ class ConditionalMotion:
     ----------
     trajectory : ndarray of float, shape (k, m)
         Most probable states.
+    points : ndarray of float, shape (L, 3)
+        Most probable landmarks, m, frame g.
     log_density : float
         log p(s | y) of the mass distribution, up to the constant.
     solution : SchurSystem
@@ -108,6 +115,7 @@ class ConditionalMotion:
     """
 
     trajectory: Float[np.ndarray, "k m"]
+    points: Float[np.ndarray, "L 3"]
     log_density: float
     solution: SchurSystem
 
@@ -124,6 +132,8 @@ class MassPosterior:
         Covariance factors of the last epoch given each sample.
     points : ndarray of float, shape (n, 5)
         Samples s.
+    log_density : ndarray of float, shape (n,)
+        log p(s | y) of each sample, up to a constant.
     log_ratios : ndarray of float, shape (n,)
         Log density of each sample over that of its proposal, up to a constant; zero of samples that are drawn from the density.
     weights : ImportanceWeights
@@ -133,21 +143,32 @@ class MassPosterior:
     trajectories: Float[np.ndarray, "n k m"]
     last_factors: Float[np.ndarray, "n e e"]
     points: Float[np.ndarray, "n 5"]
+    log_density: Float[np.ndarray, " n"]
     log_ratios: Float[np.ndarray, " n"]
     weights: ImportanceWeights
 
 
 class MassSampler:
-    """Walks and samples the mass posterior of a problem without landmarks.
+    """Walks and samples the mass posterior of a problem.
 
     Parameters
     ----------
     problem : Problem
         At the noise levels that it is to be judged by.
+    points : ndarray of float, shape (L, 3)
+        Landmarks of its solution, m, frame g.
+    used : ndarray of bool, shape (N,), or None
+        Observations of landmarks that count.
     """
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem, self.layout = problem, problem.layout
+    def __init__(
+        self,
+        problem: Problem,
+        points: Float[np.ndarray, "L 3"] = NO_POINTS,
+        used: Bool[np.ndarray, " N"] | None = None,
+    ) -> None:
+        self.problem, self.layout, self._points, self._used = problem, problem.layout, points, used
+        self._loss = LeastSquares() if used is None else Gate(FAR, FAR, used)
         self._s, self._at = (
             self.layout.slice(MASS_DISTRIBUTION.name),
             self.layout.mean_slice(MASS_DISTRIBUTION.name),
@@ -157,19 +178,27 @@ class MassSampler:
         self._prior = prior
         self._prior_std = np.linalg.norm(prior.factor, axis=1)
 
-    def node(self, trajectory: Float[np.ndarray, "k m"]) -> MassNode | None:
+    @property
+    def follow_ups(self) -> int:
+        """Iterations that take landmarks to a motion that has its own place already."""
+        return min(len(self._points), 1)
+
+    def node(
+        self, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"] | None = None
+    ) -> MassNode | None:
         """The node at a trajectory's mass distribution; None where a linear problem has no solution."""
-        found = self.conditional(trajectory, iterations=4)
+        found = self.conditional(trajectory, 4, points)
         if found is None:
             return None
-        x, log_density = found.trajectory, found.log_density
-        here = self.problem.at(x, NO_POINTS)
-        solution = self.problem.normal(here, STRICT).solution
+        x, points, log_density = found.trajectory, found.points, found.log_density
+        here = self.problem.at(x, points)
+        normal = self.problem.normal(here, Stage(self._loss))
+        solution = normal.solution
         if solution is None:
             return None
-        factors = Marginals(solution, None).factors
+        factors = Marginals(solution, normal.eliminated).factors
         rows = factors[0, self._s]
-        return MassNode(x, log_density, solution.errors[0, self._s], rows @ rows.T, factors)
+        return MassNode(x, points, log_density, solution.errors[0, self._s], rows @ rows.T, factors)
 
     def ridge(self, trajectory: Float[np.ndarray, "k m"]) -> list[MassNode]:
         """Nodes along the softest direction through a trajectory's mass distribution, both ways."""
@@ -185,8 +214,8 @@ class MassSampler:
         """Weighted samples from a mixture at the nodes, evenly spread over it; None without any node."""
         if not nodes:
             return None
-        roots = [self._root(node) for node in nodes]
-        share = shares_of_nodes(np.array([self._log_mass(node) for node in nodes]))
+        roots = [self.root(node) for node in nodes]
+        share = self.shares(nodes)
         uniform = even_points(count, 7, seed)
         chosen = np.minimum(np.searchsorted(np.cumsum(share), uniform[:, 0]), len(nodes) - 1)
         from scipy.special import chdtri, ndtri  # here alone: few motions need samples
@@ -195,7 +224,7 @@ class MassSampler:
         steps = ndtri(uniform[:, 2:]) * tails[:, np.newaxis]
         trajectories, factors, density = [], [], []
         for k, step in zip(chosen, steps, strict=True):
-            found = self.conditional(self.moved(nodes[k], roots[k] @ step), iterations=1)
+            found = self.conditional(self.moved(nodes[k], roots[k] @ step), 1, nodes[k].points)
             if found is not None:
                 trajectories.append(found.trajectory)
                 factors.append(latest_factor(found.solution))
@@ -204,8 +233,47 @@ class MassSampler:
             return None
         every = np.array(trajectories)
         points = every[:, 0, self._at]
-        ratios = np.array(density) - self._log_proposal(points, nodes, roots, share)
-        return MassPosterior(every, np.array(factors), points, ratios, smoothed_weights(ratios))
+        logs = np.array(density)
+        ratios = logs - self._log_proposal(points, nodes, roots, share)
+        return MassPosterior(every, np.array(factors), points, logs, ratios, smoothed_weights(ratios))
+
+    def shares(self, nodes: list[MassNode]) -> Float[np.ndarray, " c"]:
+        """Shares of the nodes in the mixture that proposes samples."""
+        return shares_of_nodes(np.array([self._log_mass(node) for node in nodes]))
+
+    def bends(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "q n"]:
+        """Second-order terms of the last state along the soft directions of the mass distribution.
+
+        Let u be the distance from a trajectory's mass distribution along a principal direction of its covariance, in standard
+        deviations, and x(u) the most probable last state there, with Newton's step in the other four directions. Then
+
+            x(u) = x(0) [+] (b u + c u^2 / 2),    c = (x(1) [-] x(0)) + (x(-1) [-] x(0)).
+
+        The covariance of a Gaussian about x(0) has b only. Over u ~ N(0, 1) the bend c adds E[u^4] / 4 c c' = 3/4 c c' to the mean
+        square about x(0).
+
+        Parameters
+        ----------
+        trajectory : ndarray of float, shape (k, m)
+            Most probable states.
+
+        Returns
+        -------
+        ndarray of float, shape (q, n)
+            c of each direction whose standard deviation is beyond `SOFT`; none where a linear problem has no solution.
+        """
+        first = self.node(trajectory)
+        if first is None:
+            return np.zeros((0, self.layout.error_dim))
+        values, vectors = np.linalg.eigh(first.covariance)
+        widths, found = np.sqrt(values), []
+        for k in np.flatnonzero(widths > SOFT):
+            length = min(float(widths[k]), LONGEST_STEP)
+            ends = [self._next(first, sign * vectors[:, k], length) for sign in (1.0, -1.0)]
+            away = [self.layout.local(first.trajectory[-1], end.trajectory[-1]) for end in ends if end]
+            if len(away) == 2:
+                found.append((away[0] + away[1]) * (widths[k] / length) ** 2)
+        return np.array(found).reshape(-1, self.layout.error_dim)
 
     def gaussian_nees(
         self, node: MassNode, points: Float[np.ndarray, "n 5"], weights: Float[np.ndarray, " n"]
@@ -223,7 +291,7 @@ class MassSampler:
         generator, root, logs = np.random.default_rng(seed), np.linalg.cholesky(node.covariance), []
         for _ in range(count):
             z = generator.standard_normal(5)
-            found = self.conditional(self.moved(node, root @ z), iterations=1)
+            found = self.conditional(self.moved(node, root @ z), 1, node.points)
             logs.append(-np.inf if found is None else found.log_density + 0.5 * float(z @ z))
         return smoothed_weights(np.array(logs)).shape
 
@@ -233,18 +301,8 @@ class MassSampler:
         while len(nodes) < MOST_NODES:
             std = here.softest[0]
             length = min(max(STEP * std, SMALLEST_STEP), LONGEST_STEP)
-            there = self.node(self.moved(here, length * direction))
-            if there is None:
-                break
-            for _ in range(2):  # Newton's step across the ridge
-                there_across = self._step_across(there, direction)
-                if np.linalg.norm(there_across) < 0.1 * length:
-                    break
-                moved = self.node(self.moved(there, there_across))
-                if moved is None:
-                    break
-                there = moved
-            if not np.isfinite(there.log_density):
+            there = self._next(here, direction, length)
+            if there is None or not np.isfinite(there.log_density):
                 break
             nodes.append(there)
             best = max(best, self._log_mass(there))
@@ -255,13 +313,28 @@ class MassSampler:
             here = there
         return nodes
 
+    def _next(self, here: MassNode, direction: Float[np.ndarray, " 5"], length: float) -> MassNode | None:
+        """The node on the ridge a step along a direction from another; None where a linear problem has no solution."""
+        there = self.node(self.moved(here, length * direction), here.points)
+        if there is None:
+            return None
+        for _ in range(2):  # Newton's step across the ridge
+            across = self._step_across(there, direction)
+            if np.linalg.norm(across) < 0.1 * length:
+                break
+            moved = self.node(self.moved(there, across), there.points)
+            if moved is None:
+                break
+            there = moved
+        return there
+
     def _step_across(self, node: MassNode, direction: Float[np.ndarray, " 5"]) -> Float[np.ndarray, " 5"]:
         """Newton's step without its part along a direction, capped."""
         along = node.covariance @ direction
         step = node.step - along * (direction @ node.step) / (direction @ along)
         return step * min(1.0, LONGEST_STEP / max(float(np.linalg.norm(step)), 1e-300))
 
-    def _root(self, node: MassNode) -> Float[np.ndarray, "5 5"]:
+    def root(self, node: MassNode) -> Float[np.ndarray, "5 5"]:
         """Root of the covariance of a node's proposal: one step long along the ridge, as wide as the profile across it."""
         length = min(max(STEP * node.softest[0], SMALLEST_STEP), LONGEST_STEP)
         values, vectors = np.linalg.eigh(node.covariance)
@@ -271,7 +344,7 @@ class MassSampler:
 
     def _log_mass(self, node: MassNode) -> float:
         """Log probability of a node's part of the ridge, up to a constant."""
-        return node.log_density + float(np.linalg.slogdet(self._root(node))[1])
+        return node.log_density + float(np.linalg.slogdet(self.root(node))[1])
 
     def _log_proposal(
         self,
@@ -299,13 +372,27 @@ class MassSampler:
         by_mass[:, self._s] = d
         return self.layout.retract(node.trajectory, by_mass)
 
-    def conditional(self, trajectory: Float[np.ndarray, "k m"], iterations: int) -> ConditionalMotion | None:
-        """The motion given a trajectory's mass distribution; None where a linear problem has no solution."""
+    def conditional(
+        self,
+        trajectory: Float[np.ndarray, "k m"],
+        iterations: int,
+        points: Float[np.ndarray, "L 3"] | None = None,
+    ) -> ConditionalMotion | None:
+        """The motion given a trajectory's mass distribution; None where a linear problem has no solution.
+
+        Parameters
+        ----------
+        points : ndarray of float, shape (L, 3), or None
+            Landmarks to begin from; None for those of the problem's solution.
+        """
         mean, std = self._prior.mean.copy(), self._prior_std.copy()
         mean[self._at], std[self._s] = trajectory[0, self._at], FIXED_STD
         fixed = replace(self.problem, motion=replace(self.problem.motion, prior=FirstStatePrior(mean, std)))
         solved = solve(
-            fixed, fixed.at(trajectory, NO_POINTS), SolverOptions(iterations=iterations, settled=1e-3)
+            fixed,
+            fixed.at(trajectory, self._points if points is None else points),
+            SolverOptions(iterations=iterations, settled=1e-3),
+            ConstantSchedule(self._loss),
         )
         solution = solved.normal.solution
         if solution is None:
@@ -313,10 +400,10 @@ class MassSampler:
         x = solved.point.trajectory.copy()
         x[:, self._at] = trajectory[0, self._at]
         away = self.layout.local(self._prior.mean, x[0])[self._s] / self._prior_std[self._s]
-        cost = solved.point.cost(None, STRICT) - solved.normal.predicted_reduction + float(away @ away)
-        log_density = -0.5 * cost - 0.5 * log_determinant(solution)
-        outside = log_volume_ratio(traceless_part(away * self._prior_std[self._s]))
-        return ConditionalMotion(x, log_density - outside, solution)
+        least = solved.point.cost(self._used, Stage(self._loss)) - solved.normal.predicted_reduction
+        log_density = -0.5 * (least + float(away @ away)) - 0.5 * log_determinant(solved.normal)
+        outside = float(log_volume_ratio(traceless_part(away * self._prior_std[self._s])))
+        return ConditionalMotion(x, solved.point.points, log_density - outside, solution)
 
 
 def shares_of_nodes(log_mass: Float[np.ndarray, " c"]) -> Float[np.ndarray, " c"]:
@@ -339,23 +426,30 @@ def even_points(count: int, dimension: int, seed: int) -> Float[np.ndarray, "n d
     return np.clip(points, SMALLEST_UNIFORM, 1 - SMALLEST_UNIFORM)
 
 
-def log_volume_ratio(D: Float[np.ndarray, "3 3"]) -> float:
+def log_volume_ratio(D: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n"]:
     """log v: sum of log(sinh(d) / d) over the pairs of eigenvalues of D, d half their difference."""
-    smallest, middle, largest = np.linalg.eigvalsh(D)
+    smallest, middle, largest = np.moveaxis(np.linalg.eigvalsh(D), -1, 0)
     d = np.maximum(np.array([middle - smallest, largest - smallest, largest - middle]) / 2, SMALLEST_GAP)
-    return float((d + np.log1p(-np.exp(-2 * d)) - np.log(2 * d)).sum())
+    return (d + np.log1p(-np.exp(-2 * d)) - np.log(2 * d)).sum(axis=0)
 
 
-def traceless_part(d: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 3"]:
+def traceless_part(d: Float[np.ndarray, "*n 5"]) -> Float[np.ndarray, "*n 3 3"]:
     """The symmetric D of trace zero with the components d, as `spinfilters.core.mass_distribution.traceless`."""
-    return np.array([[d[0], d[2], d[3]], [d[2], d[1], d[4]], [d[3], d[4], -d[0] - d[1]]])
+    a, b, c, e, f = np.moveaxis(d, -1, 0)
+    return np.stack([a, c, e, c, b, f, e, f, -a - b], axis=-1).reshape(*d.shape[:-1], 3, 3)
 
 
-def log_determinant(solution: SchurSystem) -> float:
-    """log det of the information of all unknowns."""
-    chain = np.diagonal(solution.tridiagonal.information_sqrts, axis1=1, axis2=2)
-    rest = np.diagonal(solution.information_sqrt)
-    return 2 * float(np.log(np.abs(chain)).sum() + np.log(np.abs(rest)).sum())
+def log_determinant(normal: NormalEquations) -> float:
+    """log det of the information of all unknowns, landmarks included, of a problem that has a solution."""
+    solution, landmarks = normal.system, normal.eliminated
+    roots = [
+        np.diagonal(solution.tridiagonal.information_sqrts, axis1=1, axis2=2).ravel(),
+        np.diagonal(solution.information_sqrt),
+    ]
+    if landmarks is not None:
+        own = landmarks.information_sqrt[landmarks.is_constrained]  # of the others it holds nothing
+        roots.append(np.diagonal(own, axis1=1, axis2=2).ravel())
+    return 2 * float(np.log(np.abs(np.concatenate(roots))).sum())
 
 
 def leaves_one_direction_open(layout: StateLayout, factor: Float[np.ndarray, "n n"]) -> bool:
@@ -364,6 +458,12 @@ def leaves_one_direction_open(layout: StateLayout, factor: Float[np.ndarray, "n 
         return False
     std = np.linalg.svd(factor[layout.slice(MASS_DISTRIBUTION.name)], compute_uv=False)
     return bool(std[0] > WIDE > std[1])
+
+
+def can_be_walked(problem: Problem, epochs: int) -> bool:
+    """Whether a recording of so many epochs, without landmarks, is short enough for its mass posterior to be walked along."""
+    has_mass = problem.motion.prior is not None and problem.layout.has(MASS_DISTRIBUTION)
+    return has_mass and not problem.is_long and epochs <= MOST_EPOCHS
 
 
 def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | None:
@@ -376,13 +476,8 @@ def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | No
     smoothed : BatchSmoothing
         Its solution.
     """
-    layout, prior = problem.layout, problem.motion.prior
-    if (
-        problem.is_long
-        or len(smoothed.mean) > MOST_EPOCHS
-        or prior is None
-        or not layout.has(MASS_DISTRIBUTION)
-    ):
+    layout = problem.layout
+    if not can_be_walked(problem, len(smoothed.mean)):
         return None
     if not np.isfinite(smoothed.factor).all() or not leaves_one_direction_open(layout, smoothed.factor[0]):
         return None

@@ -1,20 +1,20 @@
-"""Reference posterior of a problem without landmarks: a mixture of Gaussians that need not be Gaussian together.
+"""Reference posterior of a problem: a mixture of Gaussians that need not be Gaussian together.
 
 The state is the motion x and its constants, of which the mass distribution s alone makes the problem far from linear. The marginal
-posterior of s, with the motion integrated out about its optimum (`spinfilters.smoother.mass_posterior`), is sampled by importance;
-where the Pareto shape of the weights is above `spinfilters.core.importance_weights.LARGEST_SHAPE`, an ensemble of walkers
-continues from the resampled points (`spinfilters.core.ensemble_sampler`). Every sample of s comes with the Gaussian of the
-motion given s, so that
+posterior of s, with the motion and any landmarks integrated out about their optimum (`spinfilters.smoother.mass_posterior`), is
+sampled by importance; where the Pareto shape of the weights is above `spinfilters.core.importance_weights.LARGEST_SHAPE`, an
+ensemble of walkers continues from the resampled points (`spinfilters.core.ensemble_sampler`). Every sample of s comes with the
+Gaussian of the motion given s, so that
 
     p(x, s | y) = sum over samples i of w_i N(x; x^(s_i), P(s_i)).
 
 What is published of the posterior are mixtures of these Gaussians, never their draws. Noise levels are those of the problem.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.core.ensemble_sampler import Ensemble, stretch_step
 from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights
@@ -25,6 +25,7 @@ from spinfilters.models.state_layout import StateLayout
 from spinfilters.models.state_mixture import StateMixture
 from spinfilters.smoother.linear_system import Marginals, latest_factor
 from spinfilters.smoother.mass_posterior import (
+    NO_POINTS,
     TRIED,
     MassNode,
     MassPosterior,
@@ -32,8 +33,13 @@ from spinfilters.smoother.mass_posterior import (
     log_volume_ratio,
     traceless_part,
 )
+from spinfilters.smoother.mass_surrogate import SurrogatePosterior
 from spinfilters.smoother.problem import Problem
 
+DRAWS = 12_000
+"""Of the surrogate, for the mixture of the last epoch."""
+FAINTEST = 1e-9
+"""Weight of a draw that is left out."""
 COVARIANCES = 24
 """Samples over which the covariance of the motion given the mass distribution is averaged."""
 
@@ -85,9 +91,13 @@ class Posterior:
 
 
 def sample_posterior(
-    problem: Problem, trajectory: Float[np.ndarray, "k m"], options: SamplingOptions = SamplingOptions()
+    problem: Problem,
+    trajectory: Float[np.ndarray, "k m"],
+    options: SamplingOptions = SamplingOptions(),
+    points: Float[np.ndarray, "L 3"] = NO_POINTS,
+    used: Bool[np.ndarray, " N"] | None = None,
 ) -> Posterior | None:
-    """The posterior of a problem without landmarks.
+    """The posterior of a problem.
 
     Parameters
     ----------
@@ -97,20 +107,24 @@ def sample_posterior(
         Its solution, where the walk along the ridge of likely mass distributions begins.
     options : SamplingOptions
         How it is sampled.
+    points : ndarray of float, shape (L, 3)
+        Landmarks of the solution, m, frame g.
+    used : ndarray of bool, shape (N,), or None
+        Observations of landmarks that the solution uses; None without landmarks.
 
     Returns
     -------
     Posterior or None
         None where a linear problem along the ridge has no solution.
     """
-    sampler = MassSampler(problem)
+    sampler = MassSampler(problem, points, used)
     nodes = sampler.ridge(trajectory)
     found = sampler.sample(nodes, options.samples, options.seed)
     if found is None:
         return None
-    method = "importance"
-    if not found.weights.shape < options.largest_shape:
-        found, method = _walk_ensemble(sampler, nodes, found, options), "mcmc"
+    is_sampled = found.weights.shape < options.largest_shape
+    if not is_sampled:
+        found = _walk_ensemble(sampler, nodes, found, options)
     weights = found.weights.weights
     mean, factor = _moments(sampler, found, weights)
     last = StateMixture(
@@ -119,11 +133,31 @@ def sample_posterior(
         found.last_factors,
         weights,
         found.weights.shape,
-        method,
+        "importance" if is_sampled else "mcmc",
     )
+    if is_sampled:
+        last = _refined(last, SurrogatePosterior.through(sampler, nodes, found), found, options.seed)
     shape = sampler.gaussian_shape(nodes[0], TRIED, options.seed + 1)
     nees = sampler.gaussian_nees(nodes[0], found.points, weights)
     return Posterior(mean, factor, last, MassSamples(found.points, weights, shape, nees))
+
+
+def _refined(
+    last: StateMixture, surrogate: SurrogatePosterior, found: MassPosterior, seed: int
+) -> StateMixture:
+    """The mixture of the last epoch with many draws of a surrogate; the motion of each is its nearest sample's, by regression."""
+    frame, layout = surrogate.frame, last.layout
+    points, weights = surrogate.draws(DRAWS, seed)
+    kept = weights > FAINTEST
+    points, weights = points[kept], weights[kept] / weights[kept].sum()
+    nearest = surrogate.nearest(found.points, points)
+    means = last.means[nearest]
+    moved = means.copy()
+    moved[:, frame.at] = points
+    d = layout.local(means, moved)[:, frame.s]
+    steps = np.einsum("nij,nj->ni", frame.regression(found.points)[nearest], d)
+    steps[:, frame.s] = d
+    return replace(last, means=layout.retract(means, steps), factors=last.factors[nearest], weights=weights)
 
 
 def _walk_ensemble(
@@ -155,7 +189,7 @@ def _walk_ensemble(
         there = sampler.conditional(begin, iterations=3)
         if there is None:
             return -np.inf, None
-        density = there.log_density + log_volume_ratio(traceless_part(d))
+        density = there.log_density + float(log_volume_ratio(traceless_part(d)))
         return density, (there.trajectory, latest_factor(there.solution))
 
     chosen = generator.choice(len(places), options.walkers, p=found.weights.weights)
@@ -171,7 +205,8 @@ def _walk_ensemble(
     factors = np.array([factor for _, factor in kept])
     count = len(kept)
     weights = ImportanceWeights(np.full(count, 1 / count), found.weights.shape)
-    return MassPosterior(trajectories, factors, trajectories[:, 0, at], np.zeros(count), weights)
+    nothing = np.zeros(count)
+    return MassPosterior(trajectories, factors, trajectories[:, 0, at], nothing, nothing, weights)
 
 
 def _moments(
@@ -188,7 +223,7 @@ def _moments(
     rows = [np.moveaxis(away, 0, 2)]
     picked = np.searchsorted(np.cumsum(weights), (np.arange(COVARIANCES) + 0.5) / COVARIANCES)
     for number in np.minimum(picked, len(weights) - 1):
-        there = sampler.conditional(found.trajectories[number], iterations=0)
+        there = sampler.conditional(found.trajectories[number], iterations=sampler.follow_ups)
         if there is not None:
             rows.append(Marginals(there.solution, None).factors / np.sqrt(COVARIANCES))
     return mean, lower_roots(np.concatenate(rows, axis=2))

@@ -338,6 +338,11 @@ class SlidingSmoother:
         return self.at_levels(self.window.problem(self.process, prior, self._has_landmarks))
 
     @property
+    def solution(self) -> LinearProblem:
+        """The last linear problem, with its solution."""
+        return self._linearised()
+
+    @property
     def belief(self) -> Gaussian:
         """Belief of the latest epoch; its factor is not finite where unobservable."""
         return latest_belief(self.process.layout, self.window, self._linearised().normal)

@@ -14,7 +14,9 @@ from spinfilters.evaluation.reference_fit import ReferenceFit
 from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.text_table import read_csv
 from spinfilters.io.truth import TRUTH_COLUMNS
+from spinfilters.run.array_files import read_arrays, write_arrays
 from spinfilters.run.predictions import stamps_ahead
+from tests.cli.faults import refusal
 
 pytestmark = pytest.mark.usefixtures("few_figures")
 
@@ -71,7 +73,10 @@ def test_a_prediction_stops_at_every_stamp_of_the_truth_once() -> None:
 
 
 def test_a_reference_that_goes_on_judges_a_prediction_and_a_race_too(
-    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recordings: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     fits: list[str] = []
     fit = reference_comparison.fit_reference
@@ -104,6 +109,46 @@ def test_a_reference_that_goes_on_judges_a_prediction_and_a_race_too(
     ends = {name: values["angle_end_rad"] for name, values in race["inertias"].items()}
     assert ends["cad"] > 3 * ends["mekf"]
     assert fits == ["mekf"], "fitted once, for the reference's own files, the prediction and the race"
+    assert_drawn_again_and_printed(tmp_path / "run", tmp_path / "printed")
+    assert compared(dataset, tmp_path / "run", "--resume")["mekf"] == found, "the kept reference judges again"
+    for name in ("reference.npz", "race.npz"):
+        assert_refused_when_damaged(tmp_path / "run", name, capsys)
+
+
+def assert_drawn_again_and_printed(run: Path, folder: Path) -> None:
+    """The reference and the race are in the folder: their pictures come again without the file, and as a paper prints them."""
+    before = {path: path.read_bytes() for path in run.glob("*.png")}
+    further = {"prediction", "prediction-errors", "race", "reference-mekf", "reference-differences-mekf"}
+    assert {path.stem for path in before} == further
+    for path in before:
+        path.write_bytes(b"")
+    assert main(["plot", str(run)]) == 0
+    assert {path: path.read_bytes() for path in run.glob("*.png")} == before
+    asked = ["--format", "svg", "--width", "84", "--figures", ",".join(sorted(further))]
+    assert main(["plot", str(run), "-o", str(folder), *asked]) == 0
+    assert {path.stem for path in folder.glob("*.svg")} == further
+
+
+def assert_refused_when_damaged(run: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line with the file and the cure; the file is as before afterwards."""
+    whole = (run / name).read_bytes()
+    for damaged in (whole[:-40], whole[: len(whole) // 3], b""):
+        (run / name).write_bytes(damaged)
+        said = refusal(capsys, "plot", str(run))
+        assert name in said
+        assert "run compare again with --resume" in said
+    for array in ("time", "attitude", "rate"):
+        kept = read_arrays_of(whole, run / name)
+        if array in kept:
+            write_arrays(run / name, kept | {array: kept[array][..., :1]})
+            assert name in refusal(capsys, "plot", str(run))
+    (run / name).write_bytes(whole)
+
+
+def read_arrays_of(content: bytes, path: Path) -> dict[str, np.ndarray]:
+    """Arrays of a file with this content."""
+    path.write_bytes(content)
+    return read_arrays(path)
 
 
 def test_a_late_truth_ends_no_run_and_becomes_a_reference(

@@ -209,7 +209,7 @@ def test_without_figures_the_numbers_are_written_and_drawn_when_asked_for(
     assert all((run / name).exists() for name in (PREDICTION, CONVERGENCE, "race.json"))
     assert not [*run.glob("*.png"), *run.glob("smoother/*.png"), *run.glob("smoother/*.gif")]
     assert main(["plot", str(run)]) == 0
-    assert pictures(run).keys() == {"prediction.png", "convergence.png"}
+    assert pictures(run).keys() == {"prediction.png", "convergence.png", "race.png"}
 
 
 def _assert_same_but_for_times(run: Path, other: Path) -> None:

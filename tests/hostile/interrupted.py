@@ -36,6 +36,32 @@ LONGEST_S = 120.0
 """Of the clock, from Ctrl-C to the end."""
 RESUMED = ("compare", "campaign")
 """Commands that go on with ``--resume``."""
+MODEL = """
+states = ["x", "v"]
+parameters = ["k", "m", "d"]
+[equations]
+x = "v"
+v = "-(k*x + d*v)/m"
+[outputs]
+y = "x"
+"""
+"""A damped spring."""
+BOX = """
+v -0.1 -0.08 -0.06
+v 0.1 -0.08 -0.06
+v -0.1 0.08 -0.06
+v 0.1 0.08 -0.06
+v -0.1 -0.08 0.06
+v 0.1 -0.08 0.06
+v -0.1 0.08 0.06
+v 0.1 0.08 0.06
+f 1 3 4 2
+f 5 6 8 7
+f 1 2 6 5
+f 3 7 8 4
+f 1 5 7 3
+f 2 4 8 6
+"""
 STUDY = """
 [study]
 name = "interrupted"
@@ -72,8 +98,17 @@ COMMANDS = (
     "checkout ../in/rig --images ../in/boards --corners 7x5 --square 0.03 --window 4 -o out",
     "depth ../in/boards/left00.png ../in/boards/right00.png --rig ../in/rig -o out",
     "reconstruct ../in/pictured --images ../in/images --voxels 64",
+    "align ../in/dense ../in/box.obj",
     "observe --sensor stereo -o out",
     "observe --recording ../in/gyro -o out",
+    "observe --sensor stereo --further -o out",
+    "observe ../in/model.toml -o out",
+    "fuse ../in/run ../in/other -o out",
+    "fuse ../in/run ../in/other --same-axes --json -o out",
+    "calibration gyro --draws 4 -o out",
+    "study motions --seeds 1 --workers 1 -o out",
+    "study motions --seeds 1 --workers 2 -o out",
+    "threshold --rate-rpm 1 -o out",
     "campaign ../in/study.toml -o out --workers 1",
     "campaign ../in/study.toml -o out --workers 2",
     "condition --time-step 0.5 -o out",
@@ -107,6 +142,8 @@ def make_inputs(folder: Path) -> None:
         write_dataset(simulate(scenario), folder / name)
     (folder / "unmapped" / "landmarks.csv").unlink()
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    (folder / "model.toml").write_text(MODEL, encoding="utf-8")
+    (folder / "box.obj").write_text(BOX, encoding="utf-8")
     (folder / "tosses").mkdir()
     for seed in range(2):
         rates = simulate(
@@ -126,10 +163,14 @@ def make_inputs(folder: Path) -> None:
     for words in (
         f"calibrate {place}/boards --corners 7x5 --square 0.03 --window 4 -o {place}/rig",
         f"compare {place}/gyro -o {place}/run --estimators mekf --no-figures -q",
+        f"compare {place}/gyro -o {place}/other --estimators smoother --no-figures -q",
         f"compare {place}/images -o {place}/pictured --estimators smoother --no-figures -q",
         f"lidar scan cube -o {place}/scans --rays 40 40 --scans 6",
     ):
         assert run_command(shlex.split(words)) == 0, words
+    shutil.copytree(folder / "pictured", folder / "dense")
+    words = f"reconstruct {place}/dense --images {place}/images --voxels 48 -q"
+    assert run_command(shlex.split(words)) == 0, words
 
 
 def ended(words: Sequence[str], place: Path, wait_s: float | None, number: int = signal.SIGINT) -> Ending:
@@ -207,7 +248,7 @@ def tried(words: str, moments: int, seed: int, number: int, place: Path, verbose
     """Interrupt a command at drawn moments; the counts of moments and of those with a violation."""
     generator = np.random.default_rng([seed, *words.encode()])
     arguments, is_live = shlex.split(words), words.startswith("live")
-    makes_in = words.split()[1] if words.startswith("reconstruct") else None
+    makes_in = words.split()[1] if words.startswith(("reconstruct", "align")) else None
     case = _emptied(place, makes_in)
     whole = ended(arguments, case, None)
     files, wrong = files_below(case), 0
@@ -245,7 +286,7 @@ def _emptied(place: Path, makes_in: str | None) -> Path:
     case.mkdir()
     if makes_in is not None:
         source = place / "in" / Path(makes_in).name
-        kept = place / "kept"
+        kept = place / "kept" / source.name
         if not kept.exists():
             shutil.copytree(source, kept)
         shutil.rmtree(source)

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from plain_comparison import plainly_compared
 
+from experiments.captured_throws import drawn, with_densities
 from experiments.honest_cases import CASES, recordings
 from experiments.honest_verdicts import outcome_of
+from spinfilters.core.chi_square import chi_square_tail
+from spinfilters.core.linear_algebra import normalised_square
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.timeline import run
 from spinfilters.inference import first_epochs as initialisation_length
 from spinfilters.inference.first_epochs import (
     LARGEST_DEPARTURE,
@@ -96,3 +102,20 @@ def test_a_third_beyond_the_share_is_taken_where_that_and_no_fewer_is_enough(
     longer = beyond_share(*models, found)
     assert (len(setup.timeline), len((longer or found).mean)) == (115, length)
     assert (longer is None) == (length <= 69)
+
+
+def test_a_filter_without_disturbances_begins_as_wide_as_the_posterior_bends() -> None:
+    recording = with_densities(simulate(drawn(2, 0.0)), 0.0)
+    setup = prepare(recording, replace(FILTERS, estimators=("mekf",)))
+    assert setup.initial.departure > LARGEST_DEPARTURE
+    assert recording.truth is not None
+    truth, chances = true_states(recording.truth, setup.process.layout)[-1], []
+    for belief in (setup.initial.belief, setup.belief):
+        estimator = MultiplicativeEkf(setup.process)
+        estimator.start(belief)
+        history = run(estimator, setup.end_of_initialisation, setup.timeline[len(setup.initial.mean) :])
+        error = setup.process.layout.local(history.mean[-1], truth)
+        square = float(normalised_square(error[np.newaxis], history.factor[-1:])[0])
+        chances.append(float(chi_square_tail(square, len(error))))
+    assert chances[0] < 1e-6
+    assert 0.01 < chances[1] < 0.99

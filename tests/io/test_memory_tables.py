@@ -64,6 +64,68 @@ def test_a_data_frame_is_the_file_of_the_same_numbers(tmp_path: Path) -> None:
     assert same_measurements(spinfilters.load(frame.set_index("time_s")), read)
 
 
+START = np.datetime64("2026-11-26T12:00:00.25")
+CLOCKS: dict[str, tuple[list[str], Callable[[Any, np.ndarray], Any] | None]] = {
+    "ISO text": ([], None),
+    "dates of NumPy": ([], lambda _pandas, instants: instants),
+    "dates in us": ([], lambda _pandas, instants: instants.astype("M8[us]")),
+    "Timestamps": ([], lambda pandas, instants: list(pandas.to_datetime(instants))),
+    "a time zone": (
+        ["+02:00"],
+        lambda pandas, instants: pandas.to_datetime(instants).tz_localize("Etc/GMT-2"),
+    ),
+    "Python's datetimes": ([], lambda _pandas, instants: instants.astype("M8[us]").tolist()),
+    "times of the day": ([], None),
+    "durations": ([], lambda pandas, instants: pandas.to_timedelta(instants - START)),
+}
+"""Zone behind the text of an instant, and the same clock of a data frame; None for the text itself."""
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_a_clock_of_dates_in_memory_is_that_of_the_file(tmp_path: Path, clock: str) -> None:
+    pandas = pytest.importorskip("pandas")
+    instants = START + np.arange(30) * np.timedelta64(20_000_123, "ns")
+    instants = instants.astype("M8[us]").astype("M8[ns]")
+    zone, make = CLOCKS[clock]
+    written = [f"{instant}{''.join(zone)}" for instant in instants]
+    if clock == "times of the day":
+        written = [each.split("T")[1] for each in written]
+    if clock == "durations":
+        written = [f"0 days 00:00:0{(i - START) / np.timedelta64(1, 's'):.6f}" for i in instants]
+    rates = table("gyro")[:30, 1:]
+    rows = [",".join([when, *map(repr, rate)]) for when, rate in zip(written, rates.tolist(), strict=True)]
+    (tmp_path / "mine.csv").write_text("time,wx,wy,wz\n" + "\n".join(rows) + "\n")
+    read = spinfilters.load(tmp_path / "mine.csv")
+    held = written if make is None else make(pandas, instants)
+    columns = {"time": held, **dict(zip(("wx", "wy", "wz"), rates.T, strict=True))}
+    frame = pandas.DataFrame(columns)
+    given = [columns, frame, frame.set_index("time")]
+    if make is None or isinstance(held, np.ndarray):
+        pair = np.asarray(held), rates
+        assert same_measurements(spinfilters.load(pair, kind="gyro"), read)
+    assert all(same_measurements(spinfilters.load(each), read) for each in given)
+    np.testing.assert_allclose(np.diff(read.log.streams[0].time), 0.02, atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("clock", "message"),
+    [
+        (
+            ["2026-11-26T12:00:00Z", "soon", "2026-11-26T12:00:02Z"],
+            "row 1: 'time' is 'soon', no date or time",
+        ),
+        (np.array(["2026-01-01", "NaT", "2026-01-03"], dtype="M8[s]"), "row 1: 'time' is nan, not finite"),
+        (
+            [0.0, "2026-11-26T12:00:01Z", 2.0],
+            "row 1: 'time' is '2026-11-26T12:00:01Z', not a number; give seconds",
+        ),
+    ],
+)
+def test_a_cell_that_is_no_date_among_dates_is_named(clock: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        spinfilters.load({"time": clock, "wx": [0.1, 0.2, 0.3], "wy": [0.1, 0.2, 0.3], "wz": [0.1, 0.2, 0.3]})
+
+
 def test_every_form_gives_the_same_estimates_bit_for_bit(tmp_path: Path) -> None:
     rows = table("gyro")
     write_csv(tmp_path / "mine.csv", GYRO, list(rows.T))

@@ -46,8 +46,19 @@ def test_a_whole_figure_is_scaled_to_the_width_and_keeps_its_proportions() -> No
     ((name, content),) = printed_figure(drawn(), "rates", PrintStyle("svg", 174.0)).items()
     assert name == "rates.svg"
     assert svg_width_mm(content) == pytest.approx(174.0, abs=0.1)
+    assert 'viewBox="0 0 648 288"' in content.decode()
     (content,) = printed_figure(drawn(), "rates", PrintStyle("pdf")).values()
     assert content.startswith(b"%PDF")
+    (content,) = printed_figure(drawn(), "rates", PrintStyle("pdf", INCH_MM)).values()
+    assert b"/MediaBox [ 0 0 72 32 ]" in content
+
+
+def test_a_narrow_figure_is_laid_out_in_its_own_size() -> None:
+    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+    for axes in figure.subplots(12, 3).flat:
+        axes.set(title="a panel", ylabel="value")
+    for form in ("pdf", "svg", "png"):  # a warning that nothing could be laid out would be an error here
+        assert printed_figure(figure, "panels", PrintStyle(form, 30.0))
 
 
 def test_colour_bars_are_no_panels() -> None:

@@ -1,18 +1,25 @@
 """The sampled posterior: a Gaussian where the smoother's is one, and the same by both ways of sampling."""
 
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 import pytest
 
 from spinfilters import compare, simulate
-from spinfilters.inference.smoother_run import smoothed_problem
+from spinfilters.evaluation.posterior_distance import posterior_quantities
+from spinfilters.inference.smoother_run import smooth_at_once, smoothed_problem
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother import posterior as posterior_module
+from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.mass_posterior import even_points
 from spinfilters.smoother.posterior import Posterior, SamplingOptions, sample_posterior
+from spinfilters.smoother.problem import InitialGuess
+from tests.smoother.smoothing_samples import LONG, sample, solved
 
 FEW = SamplingOptions(samples=128)
+FEWEST = SamplingOptions(samples=24, walkers=12, steps=2, settling=0)
 
 
 @cache
@@ -50,9 +57,41 @@ def test_walkers_find_the_posterior_that_importance_finds() -> None:
     assert np.sqrt(walked.mass.weights @ np.square(walked_away)) == pytest.approx(std, rel=0.5)
 
 
-def test_tracks_without_a_map_are_refused() -> None:
-    with pytest.raises(Exception, match="posterior"):
-        compare(simulate("stereo-tracks", frames=30), ["posterior"])
+def test_quantiles_of_few_samples_do_not_depend_on_which() -> None:
+    setup = prepare(simulate("gyro", rate_rpm=(4.0, 9.0, 3.0), frames=30, seed=2), Settings())
+    problem, smoothed = smoothed_problem(setup, Settings())
+    history, found = smooth_at_once(setup, Settings(), lambda done, every: None), []
+    for seed in (1, 2):
+        sampled = sample_posterior(problem, smoothed.mean, replace(FEW, seed=seed))
+        assert sampled is not None
+        found.append(posterior_quantities(sampled.last, history)["moments"].quantiles())
+    width = found[0][:, -1:] - found[0][:, :1]
+    assert np.abs((found[0] - found[1]) / width).max() < 0.05
+
+
+def test_landmarks_are_integrated_out_with_the_motion() -> None:
+    here = sample(replace(LONG, pixel_std=0.1), pixel_std=0.1)
+    rich = solved(here, InitialGuess(here.truth, here.known.ids, here.known.points))
+    found = sample_posterior(
+        rich.problem, rich.point.trajectory, FEW, points=rich.point.points, used=rich.normal.used
+    )
+    assert found is not None
+    layout, last = rich.problem.layout, rich.point.trajectory[-1]
+    stated = np.linalg.norm(Marginals(rich.normal.system, rich.normal.eliminated).factors[-1], axis=1)
+    assert np.abs(layout.local(last, found.mean[-1]) / stated).max() < 0.3
+    assert np.linalg.norm(found.factor[-1], axis=1) == pytest.approx(stated, rel=0.15)
+    assert found.last.method == "importance"
+
+
+def test_the_posterior_takes_tracks_without_a_map() -> None:
+    data = simulate("stereo-tracks", rate_rpm=(0.5, 10.0, 0.5), frames=16, seed=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(posterior_module, "sample_posterior", partial(sample_posterior, options=FEWEST))
+        found = compare(data, ["smoother", "posterior"])
+    assert found["posterior"].evaluation.history.posterior is not None
+    distances = found["smoother"].evaluation.distances
+    assert distances is not None
+    assert set(distances) >= {"attitude", "rate", "moments", "axes"}
 
 
 def test_even_points_fill_the_cube_evenly() -> None:

@@ -12,6 +12,7 @@ from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.timeline import Epoch
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.smoother.linear_system import Marginals, SchurSystem, latest_factor
+from spinfilters.smoother.mass_posterior import log_determinant
 from spinfilters.smoother.problem import InitialGuess, NormalEquations, Problem, Stage
 from tests.smoother.smoothing_samples import LAYOUT, PROCESS, SMALL, Sample, perturbed, sample
 
@@ -228,3 +229,9 @@ def test_the_factor_of_the_newest_epoch_alone_is_the_same(loss: RobustLoss) -> N
     every = Marginals(_solution(loss), None).factors[-1]
     assert _apart(factor @ factor.T, every @ every.T) < TOLERANCE
     assert not np.triu(factor, 1).any()
+
+
+@pytest.mark.parametrize("loss", LOSSES, ids=str)
+def test_the_log_determinant_is_that_of_the_dense_information(loss: RobustLoss) -> None:
+    J = _dense(loss).J
+    assert log_determinant(_linear(loss)[1]) == pytest.approx(np.linalg.slogdet(J.T @ J)[1], abs=1e-3)

@@ -42,7 +42,7 @@ def draw_again(options: PlotArguments) -> int:
     folder = Path(options.run)
     figure_data = read_figure_data(folder)
     if options.output is not None:
-        return _print_figures(figure_data, options, Path(options.output))
+        return _print_figures(folder, figure_data, options)
     if options.panels or options.width is not None or options.figures is not None:
         raise InputError("--panels, --width and --figures are of printed figures; give a folder with -o")
     with locked_run(folder), progress_bars() as report:
@@ -54,20 +54,28 @@ def draw_again(options: PlotArguments) -> int:
     return 0
 
 
-def _print_figures(figure_data: "FigureData", options: PlotArguments, folder: Path) -> int:
+def _print_figures(run: Path, figure_data: "FigureData", options: PlotArguments) -> int:
     """Write figures as a paper prints them."""
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign, write_bytes
     from spinfilters.plots.figures import drawn_figure, figure_names
     from spinfilters.plots.printing import PrintStyle, printed_figure
+    from spinfilters.plots.style import drawn
+    from spinfilters.run.optional_outputs import optional_figures
 
+    folder = Path(str(options.output))
     style = PrintStyle(options.format, options.width, options.panels)
-    names = options.figures.split(",") if options.figures else figure_names(figure_data)
+    own = figure_names(figure_data)
+    pictures = optional_figures(run, figure_data.evaluations, figure_data.dataset.truth)
+    further = {Path(name).stem: draw for name, draw in pictures.items()}
+    names = options.figures.split(",") if options.figures else [*own, *further]
     refuse_foreign(folder, COMMAND.name)
     count = 0
     with output_folder(folder, COMMAND.name) as place:
         for name in names:
-            for file, content in printed_figure(drawn_figure(figure_data, name), name, style).items():
+            known = name in further and name not in own
+            figure = drawn(further[name], name) if known else drawn_figure(figure_data, name, further)
+            for file, content in printed_figure(figure, name, style).items():
                 write_bytes(place / file, content)
                 count += 1
     wide_console().print(f"{count} files in {folder}", highlight=False, soft_wrap=True)
