@@ -3,10 +3,11 @@
     python -m experiments.reference_posterior [--seeds 5] [--first 0] [--steps 4000] [--sensors gyro,pose] [--samples 800]
 
 The estimator `posterior` integrates the motion out by Laplace's method. The reference does not: each of its steps draws a mass
-distribution and all states of the motion (605 to 1208 numbers), and weights them by their exact density. Its mass distributions
-come from a surrogate, a Gaussian process through the logarithm of Laplace's density at so many pilot samples. So the weights are
-nearly equal; an independence sampler (Metropolis, Hastings) with these proposals would accept the share that is printed. The
-surrogate also is a control variate: its own quantiles are known from many cheap draws, and the steps only measure what is added,
+distribution, and for it all states of the motion (605 to 1208 numbers) eight times, weighted by their exact density. Its mass
+distributions come from a surrogate, a Gaussian process through the logarithm of Laplace's density at so many pilot samples. So the
+weights are nearly equal; an independence sampler (Metropolis, Hastings) with these proposals would accept the share that is
+printed. The surrogate also is a control variate: its own quantiles are known from many cheap draws, and the steps only measure
+what is added,
 
     F(x) = F_surrogate(x) + sum over steps i of (w_i - 1 / n) 1(m_i < x).
 
@@ -30,7 +31,6 @@ from spinfilters.core.working_time import working_seconds
 from spinfilters.evaluation.posterior_distance import LEVELS, posterior_quantities
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.smoother_run import smooth_at_once, smoothed_problem
-from spinfilters.models.state_blocks import MASS_DISTRIBUTION
 from spinfilters.models.state_mixture import StateMixture
 from spinfilters.models.status import AXES, MOMENTS
 from spinfilters.run.preparation import prepare
@@ -40,14 +40,10 @@ from spinfilters.smoother.linear_system import SchurSystem, latest_factor
 from spinfilters.smoother.mass_posterior import (
     FIXED_STD,
     NO_POINTS,
-    PROPOSAL_DOF,
     ConditionalMotion,
-    MassNode,
     MassSampler,
-    even_points,
-    log_volume_ratio,
-    traceless_part,
 )
+from spinfilters.smoother.mass_surrogate import SurrogatePosterior, log_volumes
 from spinfilters.smoother.posterior import SamplingOptions, sample_posterior
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Problem, Stage
@@ -55,21 +51,15 @@ from spinfilters.smoother.problem import Problem, Stage
 CHAIN_SEED: Final = 99
 PILOTS: Final = 1500
 """Samples of Laplace's density that the surrogate goes through."""
-DEEPEST: Final = 25.0
-"""Fall of the log density from its largest, below which a pilot sample is left out."""
-DRAWS: Final = 60_000
+DRAWS: Final = 40_000
 """Of the surrogate, for each half of the reference."""
-LENGTHS: Final = (1.5, 2.0, 3.0, 4.5, 7.0)
-"""Of the Gaussian process, in deviations of the posterior; the likeliest is taken."""
-NUGGETS: Final = (1e-6, 1e-4, 1e-2)
-"""Variance of what the process leaves, over its own."""
-BLOCK: Final = 20_000
-"""Draws whose surrogate is evaluated together."""
+MOTIONS: Final = 8
+"""Draws of the motion for each mass distribution: the weights' scatter by the draw falls with their root."""
 STRICT: Final = Stage(LeastSquares())
 
 
 class ExactSampler(MassSampler):
-    """A sampler whose density is that of a mass distribution together with one draw of the motion, without Laplace's method."""
+    """A sampler whose density is that of a mass distribution by some draws of the motion, without Laplace's method."""
 
     def __init__(self, problem: Problem, seed: int) -> None:
         super().__init__(problem)
@@ -81,20 +71,23 @@ class ExactSampler(MassSampler):
         iterations: int,
         points: Float[np.ndarray, "L 3"] | None = None,
     ) -> ConditionalMotion | None:
-        """The motion given a mass distribution, with the exact density of a draw over that of its proposal."""
+        """The motion given a mass distribution, with the mean over draws of the exact density over that of their proposal."""
         found = super().conditional(trajectory, iterations, points)
         if found is None:
             return None
         mean, std = self._prior.mean.copy(), self._prior_std.copy()
         mean[self._at], std[self._s] = trajectory[0, self._at], FIXED_STD
         problem = replace(self.problem, motion=replace(self.problem.motion, prior=FirstStatePrior(mean, std)))
-        errors, square = motion_draw(found.solution, self.generator)
-        drawn = integrated_draw(problem, found.trajectory, errors + found.solution.errors)
-        cost = problem.at(drawn, NO_POINTS).cost(None, STRICT)
         least = (
             problem.at(found.trajectory, NO_POINTS).cost(None, STRICT) - found.solution.predicted_reduction
         )
-        correction = -0.5 * (cost - least - square)
+        logs = []
+        for _ in range(MOTIONS):
+            errors, square = motion_draw(found.solution, self.generator)
+            drawn = integrated_draw(problem, found.trajectory, errors + found.solution.errors)
+            cost = problem.at(drawn, NO_POINTS).cost(None, STRICT)
+            logs.append(-0.5 * (cost - least - square))
+        correction = float(np.logaddexp.reduce(logs)) - np.log(MOTIONS)
         self.corrections.append(correction)
         return replace(found, log_density=found.log_density + correction)
 
@@ -134,145 +127,6 @@ def integrated_draw(
     for k, dt in enumerate(motion.dt.tolist()):
         drawn[k + 1] = layout.retract(motion.process.step(drawn[k], dt), n[k])
     return drawn
-
-
-@dataclass(frozen=True)
-class Surrogate:
-    """A Gaussian process through the log density of errors d of the mass distribution about one, a parabola its mean.
-
-    Attributes
-    ----------
-    centre, root : ndarray of float, shapes (5,) and (5, 5)
-        Mean and square root of the covariance of the posterior: z = root^-1 (d - centre).
-    parabola : ndarray of float, shape (21,)
-        Coefficients of 1, z and products of z.
-    at : ndarray of float, shape (n, 5)
-        Pilot samples z.
-    solved : ndarray of float, shape (n,)
-        K^-1 (log density - parabola).
-    length : float
-        Of the process.
-    """
-
-    centre: Float[np.ndarray, " 5"]
-    root: Float[np.ndarray, "5 5"]
-    parabola: Float[np.ndarray, " 21"]
-    at: Float[np.ndarray, "n 5"]
-    solved: Float[np.ndarray, " n"]
-    length: float
-
-    @classmethod
-    def through(
-        cls, d: Float[np.ndarray, "n 5"], logs: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"]
-    ) -> "Surrogate":
-        """The likeliest process through log densities at errors d, whose posterior weights are given."""
-        centre = weights @ d
-        root = np.linalg.cholesky(np.cov(d.T, aweights=weights))
-        kept = logs > logs.max() - DEEPEST
-        z, y = np.linalg.solve(root, (d[kept] - centre).T).T, logs[kept]
-        root_weight = np.exp(0.125 * (y - y.max()))
-        parabola = np.linalg.lstsq(_parabola(z) * root_weight[:, np.newaxis], y * root_weight)[0]
-        left, best = y - _parabola(z) @ parabola, (np.inf, z, 1.0)
-        for length in LENGTHS:
-            kernel = _kernel(z, z, length)
-            for nugget in NUGGETS:
-                factor = np.linalg.cholesky(kernel + nugget * np.eye(len(z)))
-                white = np.linalg.solve(factor, left)
-                # -2 ln likelihood, the variance of the process at its likeliest
-                cost = len(z) * np.log(white @ white) + 2 * np.log(np.diag(factor)).sum()
-                if cost < best[0]:
-                    best = float(cost), np.linalg.solve(factor.T, white), length
-        return cls(centre, root, parabola, z, best[1], best[2])
-
-    def __call__(self, d: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, " n"]:
-        """Log density at errors d."""
-        z = np.linalg.solve(self.root, (d - self.centre).T).T
-        blocks = (z[k : k + BLOCK] for k in range(0, len(z), BLOCK))
-        return np.concatenate(
-            [
-                _parabola(each) @ self.parabola + _kernel(each, self.at, self.length) @ self.solved
-                for each in blocks
-            ]
-        )
-
-
-def _parabola(z: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 21"]:
-    rows, columns = np.triu_indices(z.shape[1])
-    return np.column_stack([np.ones(len(z)), z, z[:, rows] * z[:, columns]])
-
-
-def _kernel(
-    a: Float[np.ndarray, "n 5"], b: Float[np.ndarray, "m 5"], length: float
-) -> Float[np.ndarray, "n m"]:
-    square = np.square(a).sum(axis=1)[:, np.newaxis] + np.square(b).sum(axis=1) - 2 * a @ b.T
-    return np.exp(-0.5 * np.maximum(square, 0.0) / length**2)
-
-
-class MassFrame:
-    """Mass distributions as errors d about that of one trajectory."""
-
-    def __init__(self, sampler: MassSampler, nodes: list[MassNode]) -> None:
-        self.sampler, self.nodes, layout = sampler, nodes, sampler.layout
-        self.s, self.at = layout.slice(MASS_DISTRIBUTION.name), layout.mean_slice(MASS_DISTRIBUTION.name)
-        self.origin = nodes[0].trajectory[0]
-        self.roots = [sampler.root(node) for node in nodes]
-
-    def errors(
-        self, points: Float[np.ndarray, "n 5"], about: Float[np.ndarray, " m"]
-    ) -> Float[np.ndarray, "n 5"]:
-        """Errors of mass distributions about that of a state."""
-        moved = np.tile(about, (len(points), 1))
-        moved[:, self.at] = points
-        return self.sampler.layout.local(np.tile(about, (len(points), 1)), moved)[:, self.s]
-
-    def points(self, d: Float[np.ndarray, "n 5"], about: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n 5"]:
-        """Mass distributions with these errors about that of a state."""
-        step = np.zeros((len(d), self.sampler.layout.error_dim))
-        step[:, self.s] = d
-        return self.sampler.layout.retract(np.tile(about, (len(d), 1)), step)[:, self.at]
-
-    def drawn(self, count: int, share: Float[np.ndarray, " c"], seed: int) -> Float[np.ndarray, "n 5"]:
-        """Mass distributions from the mixture of t distributions at the nodes, evenly spread."""
-        from scipy.special import chdtri, ndtri
-
-        uniform = even_points(count, 7, seed)
-        chosen = np.minimum(np.searchsorted(np.cumsum(share), uniform[:, 0]), len(share) - 1)
-        steps = (
-            ndtri(uniform[:, 2:])
-            * np.sqrt(PROPOSAL_DOF / chdtri(PROPOSAL_DOF, 1 - uniform[:, 1]))[:, np.newaxis]
-        )
-        found = np.empty((count, 5))
-        for k, node in enumerate(self.nodes):
-            own = chosen == k
-            if own.any():
-                found[own] = self.points(steps[own] @ self.roots[k].T, node.trajectory[0])
-        return found
-
-    def log_proposal(
-        self, points: Float[np.ndarray, "n 5"], share: Float[np.ndarray, " c"]
-    ) -> Float[np.ndarray, " n"]:
-        """Log density of that mixture, in the invariant volume."""
-        terms = []
-        for node, root, part in zip(self.nodes, self.roots, share, strict=True):
-            d = self.errors(points, node.trajectory[0])
-            square = np.square(np.linalg.solve(root, d.T)).sum(axis=0)
-            tail = -(PROPOSAL_DOF + 5) / 2 * np.log1p(square / PROPOSAL_DOF)
-            terms.append(np.log(part) - np.linalg.slogdet(root)[1] + tail - log_volumes(d))
-        return np.logaddexp.reduce(np.array(terms), axis=0)
-
-    def begun(self, points: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "k m"]:
-        """The motion that the nearest node's regression gives a mass distribution."""
-        away = [self.errors(points[np.newaxis], node.trajectory[0])[0] for node in self.nodes]
-        far = [
-            float(np.linalg.norm(np.linalg.solve(root, d))) for root, d in zip(self.roots, away, strict=True)
-        ]
-        nearest = int(np.argmin(far))
-        return self.sampler.moved(self.nodes[nearest], away[nearest])
-
-
-def log_volumes(d: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, " n"]:
-    """Logarithm of the volume of errors d over the invariant one."""
-    return np.array([log_volume_ratio(traceless_part(each)) for each in d])
 
 
 @dataclass(frozen=True)
@@ -338,33 +192,25 @@ def reference_of(problem: Problem, trajectory: Float[np.ndarray, "k m"], steps: 
     """A reference of so many steps."""
     sampler = MassSampler(problem)
     nodes = sampler.ridge(trajectory)
-    frame, exact = MassFrame(sampler, nodes), ExactSampler(problem, CHAIN_SEED)
+    exact = ExactSampler(problem, CHAIN_SEED)
     pilot = sampler.sample(nodes, PILOTS, CHAIN_SEED)
     assert pilot is not None
-    d = frame.errors(pilot.points, frame.origin)
-    share = sampler.shares(nodes)
-    logs = pilot.log_density + log_volumes(d)
-    surrogate = Surrogate.through(d, logs, pilot.weights.weights)
-    draws, ratios = [], []
-    for half in range(2):
-        points = frame.drawn(DRAWS, share, CHAIN_SEED + half)
-        about = frame.errors(points, frame.origin)
-        # densities of d: the proposal's refers to the invariant volume
-        log = surrogate(about) - frame.log_proposal(points, share) - log_volumes(about)
-        draws.append(points)
-        ratios.append(np.exp(log - log.max()) / np.exp(log - log.max()).sum() / 2)
-    points, weights = np.concatenate(draws), np.concatenate(ratios)
+    surrogate = SurrogatePosterior.through(sampler, nodes, pilot)
+    frame = surrogate.frame
+    halves = [surrogate.draws(DRAWS, CHAIN_SEED + half) for half in range(2)]
+    points = np.concatenate([drawn for drawn, _ in halves])
+    weights = np.concatenate([weight / 2 for _, weight in halves])
     places = (np.arange(steps) + 0.5) / steps
     chosen = np.minimum(np.searchsorted(np.cumsum(weights), places), len(points) - 1)
     kept, found, logs = [], [], []
-    predicted = surrogate(frame.errors(points[chosen], frame.origin))
-    for k in range(steps):
-        there = exact.conditional(frame.begun(points[chosen[k]]), 2)
+    for k in chosen:
+        there = exact.conditional(frame.begun(points[k]), 2)
         if there is not None:
             kept.append(there.trajectory[-1])
             found.append(latest_factor(there.solution))
-            volume = log_volumes(frame.errors(there.trajectory[:1, frame.at], frame.origin))[0]
-            logs.append(there.log_density + volume - predicted[k])
+            own = there.trajectory[:1, frame.at]
+            volume = log_volumes(frame.errors(own, frame.origin))[0]
+            logs.append(there.log_density + volume - surrogate.log_density(own)[0])
     ratio = np.array(logs)
     weight = np.exp(ratio - ratio.max())
     last = StateMixture(

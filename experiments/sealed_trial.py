@@ -36,7 +36,7 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.output_files import make_folder, write_json
 from spinfilters.models.status import Verdict
 from spinfilters.plots.style import legend_below, save_figure
-from spinfilters.run.estimation import ComparisonExtent, compare_estimators
+from spinfilters.run.estimation import Comparison, ComparisonExtent, compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.measurement_faults import GrossError, with_faults, with_gauss_markov_errors
@@ -183,16 +183,21 @@ def unsealed(family: Family, seed: int, digest: str) -> Dataset:
     return dataset
 
 
-def draws_of(dataset: Dataset, seed: int) -> list[CalibrationDraw]:
-    """What every estimator says; empty where the recording is refused."""
+def compared(dataset: Dataset) -> Comparison | None:
+    """All estimators on a recording; None where it is refused."""
     settings = Settings(estimators=ESTIMATORS)
     try:
         setup = prepare(dataset, settings)
         extent = ComparisonExtent(bounding=without_bounds)
-        found = compare_estimators(setup, settings, lambda name, done, every: None, extent=extent)
+        return compare_estimators(setup, settings, lambda name, done, every: None, extent=extent)
     except InputError:
-        return []
-    return [calibration_draw(each, seed) for each in found.evaluations]
+        return None
+
+
+def draws_of(dataset: Dataset, seed: int) -> list[CalibrationDraw]:
+    """What every estimator says; empty where the recording is refused."""
+    found = compared(dataset)
+    return [] if found is None else [calibration_draw(each, seed) for each in found.evaluations]
 
 
 def rows_of(family: Family, seals: Mapping[str, str], seed: int) -> Iterator[Row]:

@@ -31,6 +31,7 @@ VALIDATED = {
     "spinfilters/run/array_files.py": "files of a run",
     "spinfilters/run/checkpoints.py": "files of a run",
     "spinfilters/run/conditions.py": "a file",
+    "spinfilters/run/reference_output.py": "a recording or its path, of a user",
     "spinfilters/run/run_folder.py": "fields of a data set",
     "spinfilters/run/run_summary.py": "files of a run",
     "spinfilters/run/reconstruction.py": "a key of a file",

@@ -51,8 +51,8 @@ class RunArguments:
     reference: Annotated[
         str | None,
         Argument(
-            "another instrument's poses or rates of the body (TUM, a table with a header, an OptiTrack export), on its own clock "
-            "and in its own axes: reference.json, reference.npz, reference-<estimator>.png, reference-differences-<estimator>.png",
+            "another instrument's poses, attitudes or rates of the body (any recording that compare reads), on its own clock and "
+            "in its own axes: reference.json, reference.npz, reference-<estimator>.png, reference-differences-<estimator>.png",
             metavar="FILE",
         ),
     ] = None

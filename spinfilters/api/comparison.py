@@ -51,9 +51,17 @@ from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
 from spinfilters.io.stated_values import ReadingOptions
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
-from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
+from spinfilters.run.comparison_run import (
+    RunOutput,
+    compare_dataset,
+    compare_into,
+    silent,
+    with_reference,
+    write_comparison,
+)
 from spinfilters.run.estimation import Comparison, Progress
 from spinfilters.run.mcap_file import write_mcap
+from spinfilters.run.reference_output import chosen_reference
 from spinfilters.run.rerun_file import write_rrd
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
 from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
@@ -64,10 +72,11 @@ if TYPE_CHECKING:
 
 
 # fmt: off
+REFERENCE_GIVEN: Final = "the path of poses, attitudes or rates, or a Dataset of them"
 OTHER_FORMATS: Final = frozenset((
     ".csv", ".tsv", ".txt", ".tum", ".xlsx", ".json", ".jsonl", ".toml", ".yaml", ".yml", ".h5", ".hdf5", ".nc4", ".cdf", ".npz",
-    ".npy", ".mat", ".parquet", ".feather", ".arrow", ".pkl", ".pickle", ".bag", ".db3", ".ulg", ".ply", ".zip", ".html", ".pdf",
-    ".svg", ".png", ".gif",
+    ".npy", ".mat", ".parquet", ".feather", ".arrow", ".pkl", ".pickle", ".bag", ".db3", ".ulg", ".a", ".aem", ".ply", ".zip",
+    ".html", ".pdf", ".svg", ".png", ".gif",
 ))
 # fmt: on
 """Suffixes of files that a run is not saved as; any other, as of ``run.2026``, belongs to the name of a folder."""
@@ -456,8 +465,8 @@ def _html_lines(lines: list[str] | tuple[str, ...]) -> str:
     belief=optional(one_of(Mapping, cure='{"mean": {"rate": (0, 0, 1), ...}, "std": {...}}')),
     settings=optional(SETTINGS_GIVEN),
     output=optional(path("a folder")),
-    reference=optional(path("a file of poses or rates")),
-    reference_inspector=optional(path("a file of poses")),
+    reference=optional(one_of(Dataset, path_of="a recording", cure=REFERENCE_GIVEN)),
+    reference_inspector=optional(one_of(Dataset, path_of="a recording", cure=REFERENCE_GIVEN)),
     progress=called,
 )
 @on_one_blas_thread
@@ -480,9 +489,9 @@ def compare(
     predict: float | None = None,
     convergence: bool = False,
     explain: bool = False,
-    reference: str | os.PathLike[str] | None = None,
+    reference: str | os.PathLike[str] | Dataset | None = None,
     reference_shares: Sequence[str] = (),
-    reference_inspector: str | os.PathLike[str] | None = None,
+    reference_inspector: str | os.PathLike[str] | Dataset | None = None,
     race: Sequence[str] = (),
     no_figures: bool = False,
     verdict: str | None = None,
@@ -529,13 +538,13 @@ def compare(
         Whether to show how the smoother settles.
     explain : bool
         Whether to run again with the errors of the models that are found.
-    reference : str, os.PathLike or None
-        File of another instrument's poses or rates of the body, on its own clock and in its own axes, to compare with.
+    reference : str, os.PathLike, Dataset or None
+        Another instrument's poses, attitudes or rates of the body, on its own clock and in its own axes, to compare with.
     reference_shares : sequence of str
         What of ``reference`` need not be fitted: "frame", its inertial frame is that of the data set; "origin", it is the centre of
         mass.
-    reference_inspector : str, os.PathLike or None
-        File of the inspector's poses from the same instrument as ``reference``, which is then seen from the inspector.
+    reference_inspector : str, os.PathLike, Dataset or None
+        The inspector's poses from the same instrument as ``reference``, which is then seen from the inspector.
     race : sequence of str
         Estimators, "truth" or TOML files whose inertias are propagated from the last state, with ``predict``.
     no_figures : bool
@@ -571,13 +580,15 @@ def compare(
         predict=predict,
         convergence=convergence,
         explain=explain,
-        reference=None if reference is None else os.fspath(reference),
         reference_shares=tuple(reference_shares),
-        reference_inspector=None if reference_inspector is None else os.fspath(reference_inspector),
         race=tuple(race),
     )
+    optional_outputs = how.optional_outputs
+    if reference is not None:
+        compared = chosen_reference(reference, reference_inspector, tuple(reference_shares))
+        optional_outputs = with_reference(optional_outputs, compared)
     if output is None:
-        if resume or how.optional_outputs is not None:
+        if resume or optional_outputs is not None:
             raise InputError(
                 "resume, predict, convergence, explain, reference and race work in a run folder; give output"
             )
@@ -585,7 +596,7 @@ def compare(
         return Run.from_comparison(comparison, chosen, summary(comparison))
     folder = Path(output)
     written = compare_into(
-        dataset, chosen, RunOutput(folder, how.resume, how.optional_outputs, not no_figures), progress
+        dataset, chosen, RunOutput(folder, how.resume, optional_outputs, not no_figures), progress
     )
     if written.comparison is None or written.summary is None:
         return Run.from_folder(folder, chosen)

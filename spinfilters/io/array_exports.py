@@ -1,11 +1,11 @@
-"""Recordings that programs save as arrays: NumPy .npz, MATLAB .mat, HDF5, Parquet, and JSON as Sensor Logger exports it."""
+"""Recordings that programs save as arrays: NumPy .npz, MATLAB .mat, HDF5, Parquet, and JSON of Sensor Logger."""
 
 import json
 import math
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -29,6 +29,7 @@ from spinfilters.io.memory_tables import array_columns
 from spinfilters.io.motion_file import bare_quantity, motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
+from spinfilters.io.stated_values import to_state
 
 LARGEST: Final = 2 * 1024**3
 """Bytes of a file, and of the numbers in it."""
@@ -53,15 +54,19 @@ class ArrayExportReader(StatedReader):
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the arrays that describe a motion."""
-        self.options.require_only(("unit", "clock", "rate"), "a file of arrays")
+        suffix, names = path.suffix.lower(), self.options.column_names
+        has_names = suffix in (".parquet", ".pq", ".json")
+        self.options.require_only(
+            ("unit", "clock", "rate", *([] if has_names else ["columns"])), "a file of arrays"
+        )
         require_file(path, LARGEST)
-        columns, bare = _READERS[path.suffix.lower()](path), bare_quantity(path)
-        if path.suffix.lower() == ".json":
+        columns, bare = _READERS[suffix](path, names), bare_quantity(path)
+        if suffix == ".json" or names:
             bare = "rate"
         return motion_dataset(path, path.name, motion_of(columns, self.options, bare))
 
 
-def _npz(path: Path) -> ArrayColumns:
+def _npz(path: Path, stated: Sequence[str]) -> ArrayColumns:
     """Arrays of an .npz. InputError: objects in it, or more numbers than are read."""
     with _refused_if_damaged(path, "is no .npz of plain arrays", "save it with numpy.savez"):
         with zipfile.ZipFile(path) as archive:
@@ -71,7 +76,7 @@ def _npz(path: Path) -> ArrayColumns:
                     _require_whole(archive, member)
         with np.load(path, allow_pickle=False) as members:
             arrays = {name: members[name] for name in members.files}
-    return _columns_of(path, arrays)
+    return _columns_of(path, arrays, stated)
 
 
 @contextmanager
@@ -97,13 +102,13 @@ def _require_whole(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
         raise ValueError(f"an array states the shape {value_text(shape)}, more numbers than it holds")
 
 
-def _mat(path: Path) -> ArrayColumns:
+def _mat(path: Path, stated: Sequence[str]) -> ArrayColumns:
     """Arrays of a .mat of any version, and those of its structures by name."""
     from scipy.io import loadmat, whosmat
 
     content = read_bytes(path, LARGEST)
     if content.startswith(MATLAB_HDF5):
-        return _hdf5(path)
+        return _hdf5(path, stated)
     with _refused_if_damaged(path, "is no whole .mat", "save it in MATLAB with save(..., '-v7')"):
         _require_sound_mat(content)
         with ignored_warnings(UserWarning):
@@ -114,7 +119,7 @@ def _mat(path: Path) -> ArrayColumns:
                 raise ValueError("a variable stands twice")
             _require_size(path, sum(8 * math.prod(shape) for _, shape, _ in variables))
             held = loadmat(path, simplify_cells=True)
-    return _columns_of(path, _by_last_name(_flat(held)))
+    return _columns_of(path, _by_last_name(_flat(held)), stated)
 
 
 def _by_last_name(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
@@ -123,7 +128,7 @@ def _by_last_name(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
     return dict(zip(last, arrays.values(), strict=True)) if len(set(last)) == len(last) else arrays
 
 
-def _hdf5(path: Path) -> ArrayColumns:
+def _hdf5(path: Path, stated: Sequence[str]) -> ArrayColumns:
     """Arrays of an HDF5 file, such as a .mat of version 7.3, and those of its groups by name.
 
     MATLAB keeps arrays column by column, so that HDF5 sees them transposed. Links to other files are not followed.
@@ -142,7 +147,7 @@ def _hdf5(path: Path) -> ArrayColumns:
         arrays = {name: np.asarray(each[()]) for name, each in sets.items()}
     if is_matlab:
         arrays = {name: array.T for name, array in arrays.items()}
-    return _columns_of(path, _by_last_name(arrays))
+    return _columns_of(path, _by_last_name(arrays), stated)
 
 
 def _number_sets(group: Any, before: str = "") -> dict[str, Any]:
@@ -248,7 +253,7 @@ def _flat(held: Mapping[str, Any], before: str = "") -> dict[str, np.ndarray]:
     return found
 
 
-def _parquet(path: Path) -> ArrayColumns:
+def _parquet(path: Path, _stated: Sequence[str]) -> ArrayColumns:
     """Columns of a Parquet file. InputError: without pyarrow, or another file."""
     try:
         from pyarrow import ArrowException, parquet
@@ -284,7 +289,7 @@ def _is_number(kind: str) -> bool:
     return kind.startswith(("int", "uint", "float", "halffloat", "double", "timestamp", "date", "duration"))
 
 
-def _json(path: Path) -> ArrayColumns:
+def _json(path: Path, _stated: Sequence[str]) -> ArrayColumns:
     """Rows of a JSON list of objects, those of the gyro where they say which sensor they are of; or columns by name."""
     try:
         document = json.loads(read_bytes(path, LARGEST_JSON))
@@ -299,7 +304,7 @@ def _json(path: Path) -> ArrayColumns:
     if chosen is None and any(kinds):
         seen = ", ".join(sorted({kind for kind in kinds if kind})[:6])
         raise InputError(f"{path_text(path)}: holds {value_text(seen)} and no Gyroscope; export that sensor")
-    rows = [row for row, kind in zip(document, kinds, strict=True) if chosen in (None, kind)]
+    rows = [_flat_row(row) for row, kind in zip(document, kinds, strict=True) if chosen in (None, kind)]
     names = [name for name in (rows[0] if rows else {}) if name != "sensor"]
     has_seconds = "seconds_elapsed" in names
     names = [name for name in names if not (has_seconds and name == "time")]
@@ -307,14 +312,43 @@ def _json(path: Path) -> ArrayColumns:
     return array_columns(columns, path)
 
 
-def _columns_of(path: Path, arrays: Mapping[str, Any]) -> ArrayColumns:
+def _flat_row(row: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """A row whose objects are its values by name, such as rotationRate.x."""
+    flat: dict[str, Any] = {}
+    for name, value in row.items():
+        if isinstance(value, dict) and before.count(".") < _DEEPEST_GROUP:
+            flat |= _flat_row(value, f"{before}{name}.")
+        else:
+            flat[f"{before}{name}"] = value
+    return flat
+
+
+def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = ()) -> ArrayColumns:
     """Named columns of the arrays that are as long as the commonest; three columns of one array are its x, y, z.
+
+    Parameters
+    ----------
+    stated : Sequence[str]
+        Names of the columns of the one array that has as many; empty where the arrays have names.
 
     Raises
     ------
     InputError
-        No array of numbers.
+        No array of numbers; none or several that have the stated columns; one array whose columns have no names.
     """
+    tables = {name: np.asarray(held) for name, held in arrays.items() if np.ndim(held) == 2} if stated else {}
+    if stated:
+        return _stated_columns(path, tables, stated)
+    if (
+        len(arrays) == 1
+        and (shape := np.shape(next(iter(arrays.values()))))
+        and len(shape) == 2
+        and min(shape) > 3
+    ):
+        raise InputError(
+            f"{path_text(path)}: holds one array of {shape[0]} x {shape[1]} numbers without names; give "
+            f"{to_state('columns', 't,x,y,z')}"
+        )
     columns: dict[str, np.ndarray] = {}
     for name, held in arrays.items():
         try:
@@ -338,6 +372,23 @@ def _columns_of(path: Path, arrays: Mapping[str, Any]) -> ArrayColumns:
         )
     commonest = max(set(lengths), key=lambda n: (lengths.count(n), n))
     return array_columns({k: column for k, column in columns.items() if len(column) == commonest}, path)
+
+
+def _stated_columns(path: Path, tables: Mapping[str, np.ndarray], stated: Sequence[str]) -> ArrayColumns:
+    """The columns, or rows, of the one array that has as many as names are stated. InputError: none or several have."""
+    fitting = {
+        name: array if array.shape[1] == len(stated) else array.T
+        for name, array in tables.items()
+        if array.dtype.kind in "iuf" and len(stated) in array.shape
+    }
+    if len(fitting) != 1:
+        raise InputError(
+            f"{path_text(path)}: the stated columns are {len(stated)}, and {len(fitting) or 'none'} of its arrays have as many; "
+            "name every column, with - for those to leave out, or save one array"
+        )
+    (array,) = fitting.values()
+    kept = {name: column for name, column in zip(stated, array.T, strict=True) if name != "-"}
+    return array_columns(kept, path)
 
 
 def _require_size(path: Path, size: int) -> None:

@@ -139,6 +139,15 @@ def parse_number(text: str | bytes) -> float:
         raise ValueError(f"{value_text(text)} is no number") from None
 
 
+def first_text(path: Path, size: int) -> str:
+    """Text of the first bytes of a file, by which a reader recognises it; empty of one that cannot be opened, or a device."""
+    try:
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:
+            return stream.read(size).decode("utf-8", "replace")
+    except (OSError, ValueError):  # a path with a NUL
+        return ""
+
+
 def require_folder(path: Path) -> None:
     """Raise InputError unless the path is a directory whose files can be listed and opened."""
     if not os.path.isdir(path):

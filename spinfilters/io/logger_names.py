@@ -14,6 +14,17 @@ _SPELLED: Final = (
     (re.compile(r"^([XYZ]) Accel \[x[0-9A-Fa-f]{4}\]$"), r"acc_\1 (g)"),
     (re.compile(r"^GPS TOW$"), "time (s)"),
     (re.compile(r"^([xyz])-axis\b(.*)$"), r"\1\2"),  # MetaWear
+    (re.compile(r"^\w+\.(?:UTC|TAI|TT|A1|TDB)Gregorian$"), "time"),  # GMAT
+    (re.compile(r"^(?:.*:)?scaledGyro([XYZ])$"), r"omega_\1"),  # MicroStrain's SensorConnect, rad/s
+    (re.compile(r"^(?:.*:)?scaledAccel([XYZ])$"), r"acc_\1 (g)"),
+    (re.compile(r"^(?:Uncal)?Gyro([XYZ])RadPerSec$"), r"gyro_\1 (rad/s)"),  # GnssLogger
+    (re.compile(r"^(?:Uncal)?Accel([XYZ])Mps2$"), r"acc_\1 (m/s^2)"),
+    (re.compile(r"^SampleTimeFine$"), "time (xsensticks)"),
+    (re.compile(r"^_*real,_*time$"), "time (s)"),  # X-Plane
+    (
+        re.compile(r"^_*(.*\w),_*((?:m?rad|m?deg)/s|m?dps|[mun]?s|[mc]?m|g|m/s\^?2)$"),
+        r"\1 (\2)",
+    ),  # a unit behind a comma
 )
 """Names of single columns, and what they say here."""
 _BIAS = re.compile(r"^b_[wa]_[A-Z]{1,3}")
@@ -35,6 +46,16 @@ _VICON: Final = {**{f"r{axis}": f"q{axis}" for axis in "xyzw"}, **{f"t{axis}": f
 """Names about x, y, z, and the stem that they have here; omega is in rad/s by convention, gyro in no unit."""
 _ARDUPILOT: Final = ("GyrX", "GyrY", "GyrZ")
 """In rad/s where the clock is TimeUS."""
+_TOPIC: Final = re.compile(
+    r"^.*?\.(?=(?:pose\.){0,2}(?:position|orientation)\.|angular_velocity\.|linear_acceleration\.)"
+)
+"""Path of a topic in front of the fields of its messages."""
+_OTHER: Final = re.compile(r"bias|cov|std|setpoint|desired|cmd|command|goal|target_|ref")
+"""Within the path of a topic of what is not measured."""
+_GMAT_CLOCK: Final = re.compile(r"\w+\.(?:ElapsedSecs|\w+Gregorian|\w+ModJulian)$")
+_MATRIX: Final = re.compile(r"(?:r|rot|rotation|rotmat|mat|matrix)_?\[?([0-3])\]?[\[_,]*([0-3])\]?")
+"""An element of a rotation matrix, with its row and column counted from 0 or 1; of body to inertial, as an R and not a DCM is."""
+_CALENDAR: Final = ("year", "month", "day")
 _PX4_QUATERNION: Final = ("q[0]", "q[1]", "q[2]", "q[3]")
 """Scalar first where it stands with the attitude's reset counter or the sample's time stamp."""
 
@@ -45,11 +66,20 @@ def understood_names(names: Sequence[str]) -> list[str]:
         "__time" in names
     ):  # PlotJuggler's clock; its other names are paths of topics, and stamps within their messages
         names = ["" if "/stamp" in name else name.lstrip("/").replace("/", ".") for name in names]
+        names = [name if _OTHER.search(name) else _TOPIC.sub("", name) for name in names]
     found = [_without_frames(name) for name in names]
     bare = {_plain(name): k for k, name in enumerate(found)}
     if set(_VICON) <= set(bare):
         for name, meaning in _VICON.items():
             found[bare[name]] = meaning + found[bare[name]][len(name) :]
+    if set("wxyz") <= set(bare):  # not rates about x, y and z
+        for axis in "wxyz":
+            found[bare[axis]] = f"q{axis}"
+    if {"q0", "qx", "qy", "qz"} <= set(bare) and "qw" not in bare:  # the others show that it is the scalar
+        found[bare["q0"]] = "qw"
+    if set(_CALENDAR) <= set(bare):  # parts of a date, none of which is a clock alone
+        parts = (*_CALENDAR, "hour", "minute", "second")
+        found = ["" if _plain(name) in parts else name for name in found]
     for trio, stem in _AXES:
         if all(name in bare for name in trio):
             for name, axis in zip(trio, "xyz", strict=True):
@@ -65,11 +95,48 @@ def understood_names(names: Sequence[str]) -> list[str]:
     if "timestamp_sample" in names:  # of the sensor; the other is that of publication
         found = ["" if name == "timestamp" else name for name in found]
         found = [f"omega_{name}" if name in ("x", "y", "z") else name for name in found]
+    found = _with_matrix(_of_devices(names, found))
     if "field.header.stamp" in names:  # of the measurement; the other is that of the recording
         found = ["" if name.strip("%") == "time" else name for name in found]
     if any("angular_velocity" in name for name in names) and any("linear_acc" in name for name in names):
         # an Imu message, whose orientation, if it is one, was made from its rates
         found = ["" if "orientation" in name else name for name in found]
+    return found
+
+
+def _of_devices(names: Sequence[str], found: list[str]) -> list[str]:
+    """Names whose meaning and unit only the others in the header show."""
+    if "motionRotationRateX(rad/s)" in names:  # of a phone, which makes it and the quaternion from the gyro's
+        found = ["" if name.startswith(("gyroRotation", "motionQuaternion")) else name for name in found]
+    if {"Face", "State"} <= set(names):  # NDI, mm
+        found = [f"{name} (mm)" if name in ("Tx", "Ty", "Tz") else name for name in found]
+    if any(_GMAT_CLOCK.match(name) for name in names):  # vector first
+        found = [re.sub(r"^\w+\.Q([1-4])$", lambda index: "q" + "xyzw"[int(index[1]) - 1], n) for n in found]
+    return found
+
+
+def _with_matrix(names: list[str]) -> list[str]:
+    """Names of which the elements of a rotation matrix, if there are all of one, are called matrix_xy by row and column."""
+    found = list(names)
+    places: dict[tuple[int, int], int] = {}
+    for k, name in enumerate(names):
+        if matched := _MATRIX.fullmatch(name.strip().lower()):
+            places[int(matched[1]), int(matched[2])] = k
+    columns = [f"Rot[{k}]" for k in range(9)]
+    if "Residual" in names and all(
+        names.count(name) == 1 for name in columns
+    ):  # Qualisys, column by column, mm
+        first = names.index("Rot[0]")
+        places = {(k % 3, k // 3): first + k for k in range(9)}
+        for name, axis in zip(range(first - 7, first - 4), "xyz", strict=True):
+            if name >= 0:
+                found[name] = f"p{axis} (mm)"
+    base = min((min(place) for place in places), default=0)
+    if {(row - base, column - base) for row, column in places} == {
+        (r, c) for r in range(3) for c in range(3)
+    }:
+        for (row, column), k in places.items():
+            found[k] = f"matrix_{'xyz'[row - base]}{'xyz'[column - base]}"
     return found
 
 

@@ -11,13 +11,16 @@ from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.logger_names import understood_names
 from spinfilters.io.stated_values import LENGTH_UNITS, RATE_UNITS, ReadingOptions
 
-Quantity = Literal["time", "rate", "acceleration", "position", "quaternion"]
+Quantity = Literal["time", "rate", "acceleration", "position", "quaternion", "matrix"]
 
+TICKS: Final = "ticks"
+"""Unit of the clock of Xsens: 100 us in its inertial units, 1 us in its Dots; see `spinfilters.io.motion_table`."""
 TIME_UNITS: Final[dict[str, str]] = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
     **dict.fromkeys(("ms", "msec", "millis", "millisec", "milliseconds"), "ms"),
     **dict.fromkeys(("us", "usec", "µs", "μs", "micros", "microsec", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecs", "nanoseconds"), "ns"),
+    "xsensticks": TICKS,
 }
 """Unit of time by its spelling."""
 _RATE_UNITS = {
@@ -40,8 +43,12 @@ _LENGTH_UNITS = {"m": "m", "mm": "mm", "cm": "cm"}
 _BRACKETS = re.compile(r"\s*[(\[]\s*([^()\[\]]*?)\s*[)\]]\s*$")
 _TIME_WORD = re.compile(
     r"(?:t|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
-    r"system|local|sample|monotonic|field|start|in)"
+    r"system|local|sample|monotonic|field|start|in|realtime)"
 )
+_LATE_WORD = re.compile(r"datetime|date|utc|gregorian|utime|unixtime|startup|offset|real|recording")
+"""Words that say a time too, of columns that are a clock where no other is."""
+_SOURCE = re.compile(r"^.*:(?=[^:]*[A-Za-z][^:]*$)")
+"""What a column is of, in front of its name: IMU_ATTI(0):gyroX."""
 _INDEXED = re.compile(r"(.*?)[\[_.]?([012])\]?$")
 _SI_RATE = r"wb?|om(?:ega)?|rates?|bodyrates?|ang(?:ular)?rates?|ang(?:ular)?vel(?:ocity)?"
 _STEMS: Final[dict[Quantity, re.Pattern[str]]] = {
@@ -76,7 +83,7 @@ class Heading:
     quantity : Quantity
         Of motion.
     axis : str
-        "x", "y", "z" or "w"; empty of time.
+        "x", "y", "z" or "w"; of a rotation matrix, row and column; empty of time.
     unit : str
         Canonical spelling, empty where none is stated, behind a question mark where it is unknown.
     is_si : bool
@@ -101,8 +108,10 @@ def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
     words, unit = _words(name), _spell_unit(unit)
     if "linear_acceleration" not in name and "".join(words).startswith("linearacc"):
         return None  # phones call so what is left without gravity; ROS spells the accelerometer with an underscore
-    if not words or any(_NOT_MOTION.match(word) for word in words):
+    if not words or any(_NOT_MOTION.match(word) for word in (*words, *_words(text))):
         return None
+    if len(words) == 2 and words[0] == "matrix" and words[1] in AXES["matrix"]:
+        return Heading("matrix", words[1])
     clock = _time(words, unit)
     while len(words) > 1 and _PREFIX.fullmatch(words[0]):
         words = words[1:]
@@ -112,6 +121,8 @@ def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
 def _parts(text: str) -> tuple[str, str]:
     """Name and bracketed unit in lower case; an index stays with the name."""
     plain = text.strip().strip('"').strip()
+    if _SOURCE.match(plain):
+        plain = re.sub(r"\s\d+(?=$|\s*[(\[])", "", _SOURCE.sub("", plain))
     found = _BRACKETS.search(plain)
     if found is None or found[1] in ("0", "1", "2", "txt", "float", "int"):
         return plain if found is None or found[1].isdigit() else plain[: found.start()], ""
@@ -139,11 +150,13 @@ def _time(words: list[str], unit: str) -> Heading | None:
     others = [word for word in words if word not in TIME_UNITS]
     if unit in TIME_UNITS and not all(_TIME_WORD.fullmatch(word) for word in words):
         return Heading("time", FOREIGN, TIME_UNITS[unit])
+    is_late = any(_LATE_WORD.fullmatch(word) for word in others)
+    others = [word for word in others if not _LATE_WORD.fullmatch(word)]
     if not all(_TIME_WORD.fullmatch(word) for word in others) or len(spelled) > 1:
         return None
     if unit and unit not in TIME_UNITS:
         return None
-    return Heading("time", "", TIME_UNITS[unit] if unit else next(iter(spelled), ""))
+    return Heading("time", FOREIGN if is_late else "", TIME_UNITS[unit] if unit else next(iter(spelled), ""))
 
 
 def _component(words: list[str], unit: str, bare: Quantity | None) -> Heading | None:
@@ -203,17 +216,19 @@ def _is_stem(text: str) -> bool:
 
 
 EXAMPLE: Final = "time_s,wx,wy,wz"
-AXES: Final[dict[Quantity, str]] = {
+AXES: Final[dict[Quantity, Sequence[str]]] = {
     "rate": "xyz",
     "acceleration": "xyz",
     "position": "xyz",
     "quaternion": "xyzw",
+    "matrix": tuple(row + column for row in "xyz" for column in "xyz"),
 }
 KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
     "rate": RATE_UNITS,
     "acceleration": {"m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3},
     "position": LENGTH_UNITS,
     "quaternion": {},
+    "matrix": {},
 }
 """SI units in the units of each quantity."""
 
@@ -269,7 +284,7 @@ def motion_columns(
         )  # x, y, z beside a quaternion, as in the header of TUM
     if options.rate is not None:
         return MotionColumns(None, found)
-    clock = _clock(path, names, headings)
+    clock = _clock(path, names, headings, found)
     return MotionColumns(clock, found, None if clock is None else _nanoseconds(clock[0], names))
 
 
@@ -295,7 +310,9 @@ class _Headed(NamedTuple):
     heading: Heading
 
 
-def _vector(path: Path, names: Sequence[str], found: list[_Headed], axes: str) -> VectorColumns | None:
+def _vector(
+    path: Path, names: Sequence[str], found: list[_Headed], axes: Sequence[str]
+) -> VectorColumns | None:
     """The vector of a quantity, None where a component is missing."""
     by_axis = [[(k, heading) for k, heading in found if heading.axis == axis] for axis in axes]
     if sum(map(bool, by_axis)) < len(axes):
@@ -328,17 +345,28 @@ def _nanoseconds(clock: int, names: Sequence[str]) -> int | None:
     return next(paired, None)
 
 
-def _clock(path: Path, names: Sequence[str], headings: Sequence[Heading | None]) -> tuple[int, str] | None:
+_CLOCKED: Final[tuple[Quantity, ...]] = ("rate", "position", "quaternion", "acceleration")
+
+
+def _clock(
+    path: Path,
+    names: Sequence[str],
+    headings: Sequence[Heading | None],
+    found: dict[Quantity, VectorColumns],
+) -> tuple[int, str] | None:
     """Index and unit of the clock among the columns.
 
-    It is the only one, or the first that states its unit, with seconds preferred.
+    It is the only one, or the first that states its unit, with seconds preferred, and those with the first word of the rates or
+    poses: where each sensor has a clock, theirs.
     """
     times = [(k, h) for k, h in enumerate(headings) if h is not None and h.quantity == "time"]
     named = [(k, h) for k, h in times if h.axis != FOREIGN]
     clocks = [(k, h.unit) for k, h in named or times]
     stated = [clock for clock in clocks if clock[1] == "s"] or [clock for clock in clocks if clock[1]]
     if stated:
-        return stated[0]
+        vector = next((found[each] for each in _CLOCKED if each in found), None)
+        own = _words(names[vector.indices[0]])[:1] if vector is not None else []
+        return next((clock for clock in stated if own and _words(names[clock[0]])[:1] == own), stated[0])
     if len(clocks) > 1:
         listed = " and ".join(value_text(names[k]) for k, _ in clocks[:2])
         raise InputError(

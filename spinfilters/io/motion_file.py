@@ -1,6 +1,9 @@
 """Motion tables as recordings: one file whose columns are known by their names, or a folder as EuRoC or TUM lays it out."""
 
+import itertools
 import os
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -10,12 +13,13 @@ from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
 from spinfilters.io.dataset_reader import StatedReader
-from spinfilters.io.input_file import path_text, printable
+from spinfilters.io.input_file import first_text, path_text, printable
+from spinfilters.io.logger_names import understood_names
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.io.motion_columns import Quantity
-from spinfilters.io.motion_table import MotionTable, read_motion_table
+from spinfilters.io.motion_columns import Quantity, heading_of
+from spinfilters.io.motion_table import MotionTable, read_motion_table, rotations_of
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
-from spinfilters.io.sensor_tables import TUM_COLUMNS, read_tum
+from spinfilters.io.sensor_tables import LATEST_SECONDS, TUM_COLUMNS, read_tum
 from spinfilters.io.stated_values import ReadingOptions, to_state
 from spinfilters.io.text_table import PREAMBLE_LINES, read_blank_separated
 from spinfilters.io.truth import TRUTH_TABLE
@@ -42,12 +46,18 @@ class MotionFileReader(StatedReader):
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the table; its columns are known by their names, those of KITTI's poses by their number."""
-        if self.options.columns is None and (poses := read_transforms(path, self.options)) is not None:
+        if self.options.columns is not None:
+            return motion_dataset(path, path.name, read_motion_table(path, self.options, bare_quantity(path)))
+        if (poses := read_transforms(path, self.options)) is not None:
             return motion_dataset(path, path.name, poses)
-        return motion_dataset(path, path.name, read_motion_table(path, self.options, bare_quantity(path)))
+        options = self.options
+        if _is_tum(_first_numbers(path)) and path.suffix.lower() in _TEXTS and _named(path) is None:
+            options = replace(options, columns=",".join(("t", *_TUM_NAMES)))
+        return motion_dataset(path, path.name, read_motion_table(path, options, bare_quantity(path)))
 
 
 _TRANSFORM: Final = 12
+_TUM_NAMES: Final = ("px", "py", "pz", "qx", "qy", "qz", "qw")
 
 
 def read_transforms(path: Path, options: ReadingOptions) -> MotionTable | None:
@@ -65,7 +75,7 @@ def read_transforms(path: Path, options: ReadingOptions) -> MotionTable | None:
     InputError
         No rate; a matrix that is no rotation.
     """
-    if _first_cells(path) != _TRANSFORM:
+    if len(_first_numbers(path)) != _TRANSFORM:
         return None
     if options.rate is None:
         raise InputError(
@@ -74,50 +84,61 @@ def read_transforms(path: Path, options: ReadingOptions) -> MotionTable | None:
     options.require_only(("rate",), "a table of poses without a clock")
     table = read_blank_separated(path, [f"T{row}{column}" for row in range(3) for column in range(4)])
     matrices = table.values.reshape(-1, 3, 4)
-    R = matrices[:, :, :3]
-    # R R' = 1 and det R = 1, to the digits of a text
-    away = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    wrong = np.flatnonzero((away > _ROTATION_ERROR) | (np.linalg.det(R) < 0))
-    if wrong.size:
-        raise table.error(int(wrong[0]), "is no rotation and place [R t]; correct or delete the line")
+    R = rotations_of(table, matrices[:, :, :3])
     time = np.arange(len(R)) / options.rate
     stream = MeasurementStream("pose", time, np.column_stack([matrices[:, :, 3], quaternion_from_matrix(R)]))
     return MotionTable(stream, None, (f"clock of {options.rate:g} Hz as stated",))
 
 
-_ROTATION_ERROR: Final = 1e-3
-
-
-def _first_cells(path: Path) -> int:
-    """How many numbers between blanks the first line holds; 0 of words."""
+def _first_numbers(path: Path) -> tuple[float, ...]:
+    """Numbers between blanks of the first line; none of words."""
     try:
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:
-            cells = stream.readline(_HEAD).split()
-        [float(cell) for cell in cells]
-    except (OSError, ValueError):
-        return 0
-    return len(cells)
+        return tuple(float(cell) for cell in first_text(path, _HEAD).partition("\n")[0].split())
+    except ValueError:
+        return ()
+
+
+def _is_tum(numbers: Sequence[float]) -> bool:
+    """Whether a line is one of the TUM format, whatever the unit of its clock."""
+    return len(numbers) == len(TUM_COLUMNS)
+
+
+def _named(path: Path) -> Sequence[str] | None:
+    """Names in the comment above the first numbers of a text, where it has as many as they and one of a rate; None of others."""
+    lines = first_text(path, _HEAD).splitlines()[:PREAMBLE_LINES]
+    for above, line in itertools.pairwise(lines):
+        if above.lstrip().startswith("#") and line.strip() and not line.lstrip().startswith("#"):
+            names = above.lstrip("# ").split()
+            headings = [heading_of(name) for name in understood_names(names)]
+            is_rate = any(heading is not None and heading.quantity == "rate" for heading in headings)
+            return names if is_rate and len(names) == len(line.split()) else None
+    return None
 
 
 def bare_quantity(path: Path) -> Quantity | None:
     """Quantity of columns called x, y and z alone, as the name of their file says."""
     stem = path.stem.lower()
-    is_rate = stem.startswith("gyro") or any(word in stem for word in _RATE_FILES)
+    is_rate = "gyro" in stem or any(word in stem for word in _RATE_FILES)
     return "rate" if is_rate else None
 
 
 def _is_poses_alone(path: Path) -> bool:
     """Whether the first bytes of a text look like poses in the TUM format: eight numbers between blanks, or no numbers at all."""
-    try:
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:
-            head = stream.read(_HEAD).decode("utf-8", "replace")
-    except OSError:
-        return True
-    for line in head.splitlines()[:PREAMBLE_LINES]:
+    for line in first_text(path, _HEAD).splitlines()[:PREAMBLE_LINES]:
         if line.strip() and not line.lstrip().startswith("#"):
             cells = line.split()
-            return len(cells) == len(TUM_COLUMNS) and not any(c.isalpha() and c not in "eE" for c in line)
+            if len(cells) != len(TUM_COLUMNS) or any(c.isalpha() and c not in "eE" for c in line):
+                return False
+            return not _is_other_clock(cells[0]) and _named(path) is None
     return True
+
+
+def _is_other_clock(cell: str) -> bool:
+    """Whether a stamp is too large for seconds, as the nanoseconds of ORB-SLAM are."""
+    try:
+        return abs(float(cell)) > LATEST_SECONDS
+    except ValueError:
+        return False
 
 
 def motion_dataset(path: Path, name: str, table: MotionTable) -> Dataset:

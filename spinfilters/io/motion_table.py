@@ -1,6 +1,7 @@
 """Motion tables: gyro, accelerometer and poses by the names of their columns, with the unit of their clock."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -8,12 +9,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
 from spinfilters.io.motion_columns import (
     EXAMPLE,
     KNOWN_UNITS,
+    TICKS,
     MotionColumns,
     Quantity,
     VectorColumns,
@@ -90,6 +93,15 @@ def _plausible_units(time: Float[np.ndarray, " n"], step: float) -> list[str]:
     return [unit for unit, second in CLOCK_UNITS.items() if SLOWEST <= 1.0 / (step * second) <= FASTEST]
 
 
+LONGEST_DOT_TICK: Final = 8000
+"""Steps of a clock of Xsens: longer ones are of 1 us, of a Dot at 120 Hz at most, shorter ones of 100 us, of a unit at 1.25 Hz at
+least."""
+_TURNS: Final[tuple[float, ...]] = (2.0**16, 86400.0, 2.0**32)
+"""Where clocks begin again: counters of 16 and 32 bits, and the time of the day, s."""
+COUNTERS: Final = ("frame", "frame#", "packetcounter")
+"""Columns that count the samples, also those that are lost."""
+SAMPLES: Final = "samples"
+"""Unit of a counter that is the clock, because the header states the rate."""
 MOTION_TABLE_FASTEST: Final[float] = 75.0
 FASTEST_OF_ALL: Final[float] = 400.0
 """Largest |rate| that gyros of phones and inertial units measure, about 4000 deg/s, and that any gyro does, rad/s."""
@@ -146,10 +158,14 @@ def motion_of(source: NamedColumns, options: ReadingOptions, bare: Quantity | No
         doubt or contradicts what is stated; numbers out of their range.
     """
     columns = motion_columns(source.path, source.names, options, bare)
-    quantities = _quantities(source, columns, options)
-    if "rate" in quantities:
-        return _rates(source, columns, options)
-    return _poses(source, columns, options)
+    if source.stated_rate is not None and options.rate is None and not _has_clock(source, columns):
+        counters = [(k, SAMPLES) for k, name in enumerate(source.names) if name.lower() in COUNTERS]
+        columns = replace(columns, time=next(iter(counters), None))
+        options = replace(options, rate=None if counters else source.stated_rate)
+    quantity = _quantity(source, columns, options, bare)
+    return (
+        _rates(source, columns, options) if quantity == "rate" else _poses(source, columns, options, quantity)
+    )
 
 
 def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | None:
@@ -165,7 +181,9 @@ def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | Non
 def _rates(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     vector, remarks = columns.vectors["rate"], []
     table = _read_quantities(source, columns, ("rate",))
-    unit = _rate_unit(table, vector, options, "seconds_elapsed" in source.names)
+    unit = _rate_unit(table, vector, options, _unit_of_logger(source.names, table))
+    if "quaternion" in columns.vectors or "matrix" in columns.vectors:
+        remarks.append("attitudes left out: an inertial unit makes them of its rates")
     _require_measurable(table, unit, bool(vector.unit) or options.unit is not None)
     values = table.values.copy()
     values[:, -3:] *= RATE_UNITS[unit]
@@ -208,7 +226,19 @@ def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
     )
 
 
-def _poses(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
+def _unit_of_logger(names: Sequence[str], table: Table) -> str:
+    """Unit of body rates that a logger is known to write, by columns that only it has; empty of others."""
+    is_android = "accuracy" in names and table.names[-3:] == ("x", "y", "z")
+    if "seconds_elapsed" in names or is_android:
+        return "rad/s"
+    if {"PacketCounter", "SampleTimeFine"} <= set(names):
+        return "deg/s" if table.values.shape[1] > 3 and _tick(table.values[:, 0]) == "us" else "rad/s"
+    return ""
+
+
+def _poses(
+    source: NamedColumns, columns: MotionColumns, options: ReadingOptions, rotation: Quantity
+) -> MotionTable:
     """Poses, or attitudes where no position is there.
 
     Rates in the same table are taken as derived and left out.
@@ -216,7 +246,9 @@ def _poses(source: NamedColumns, columns: MotionColumns, options: ReadingOptions
     has_position = "position" in columns.vectors
     if not has_position:
         options.require_only(("clock", "rate", "columns"), "a table of attitudes")
-    table = _read_quantities(source, columns, ("position", "quaternion") if has_position else ("quaternion",))
+    table = _read_quantities(source, columns, ("position", rotation) if has_position else (rotation,))
+    if rotation == "matrix":
+        table = _with_quaternions(table)
     table, clock = _timed(table, columns, options, source, None)
     if has_position:
         values = table.values.copy()
@@ -228,6 +260,32 @@ def _poses(source: NamedColumns, columns: MotionColumns, options: ReadingOptions
             "pose" if has_position else "attitude", table.values[:, 0], table.values[:, 1:]
         )
     return MotionTable(stream, None, () if clock == "s" else (clock,))
+
+
+def _with_quaternions(table: Table) -> Table:
+    """A table whose last nine columns, a rotation matrix R_ib row by row, are a quaternion. InputError: see `rotations_of`."""
+    R = rotations_of(table, table.values[:, -9:].reshape(-1, 3, 3))
+    names = (*table.names[:-9], "qx", "qy", "qz", "qw")
+    return replace(
+        table, names=names, values=np.column_stack([table.values[:, :-9], quaternion_from_matrix(R)])
+    )
+
+
+ROTATION_ERROR: Final = 1e-3
+"""Of an element of R R', which the digits of a text cause at most."""
+
+
+def rotations_of(table: Table, R: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """Rotations nearest to the matrices of a table, which have only the digits of a text: U V' of R = U S V'.
+
+    InputError: a matrix that is none, R R' = 1 and det R = 1 to `ROTATION_ERROR`, with its line.
+    """
+    away = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    wrong = np.flatnonzero(~(away <= ROTATION_ERROR) | (np.linalg.det(R) < 0))
+    if wrong.size:
+        raise table.error(int(wrong[0]), "its matrix is no rotation; correct or delete the line")
+    U, _, Vt = np.linalg.svd(R)
+    return U @ Vt
 
 
 def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
@@ -247,8 +305,8 @@ def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: t
     )
 
 
-def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, is_known_export: bool) -> str:
-    """Unit of body rates, from the header, the user, or the convention of the name.
+def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, by_logger: str) -> str:
+    """Unit of body rates, from the header, the user, or the convention of the name or logger.
 
     Raises
     ------
@@ -264,7 +322,7 @@ def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, is_
         raise InputError(
             f"{path_text(table.path)}: holds body rates, and the stated unit is {options.unit}; give one of {', '.join(RATE_UNITS)}"
         )
-    unit = vector.unit or options.unit or ("rad/s" if vector.is_si or is_known_export else "")
+    unit = vector.unit or options.unit or by_logger or ("rad/s" if vector.is_si else "")
     if not unit:
         largest = float(np.abs(table.values[:, -3:]).max())
         raise InputError(
@@ -301,17 +359,26 @@ def _timed(
         time = np.arange(len(table.values)) / (options.rate or 1.0)
         table = replace(table, names=("time", *table.names), values=np.column_stack([time, table.values]))
         require_clock(table)
-        return table, f"clock of {options.rate:g} Hz as stated"
+        whose = "as stated" if source.stated_rate is None else "as its header says"
+        return table, f"clock of {options.rate:g} Hz {whose}"
     index, stated = columns.time
     stated = "s" if table.is_dated else stated
+    if stated == SAMPLES and source.stated_rate is not None:
+        counts = _unwrapped(table.values[:, 0])
+        time = (counts - counts[0]) / source.stated_rate
+        table = replace(table, values=np.column_stack([time, table.values[:, 1:]]))
+        require_clock(table)
+        return table, f"clock of {source.stated_rate:g} Hz as its header says, with its {table.names[0]}"
+    if stated == TICKS:
+        stated = options.clock or _tick(table.values[:, 0])
     if stated and options.clock not in (None, stated):
         raise InputError(
             f"{path_text(table.path)}: its clock is named in {stated}, and the stated unit is {options.clock}; "
             "state none, or rename it"
         )
-    stamps = table.values[:, 0]
+    stamps = _unwrapped(table.values[:, 0])
     unit = stated or options.clock or clock_unit(table.path, source.names[index], stamps, speed)
-    table = replace(table, values=np.column_stack([stamps * CLOCK_UNITS[unit], table.values[:, 1:]]))
+    table = replace(table, values=np.column_stack([stamps * _CLOCKS[unit], table.values[:, 1:]]))
     require_clock(table)
     if speed is not None:
         require_turns(table, speed)
@@ -321,6 +388,38 @@ def _timed(
             f"{path_text(table.path)}: its clock steps by {step:.3g} s, so it is hardly in seconds; name its unit, such as time_ns"
         )
     return table, unit if unit == "s" else f"clock in {unit}"
+
+
+_CLOCKS: Final = {**CLOCK_UNITS, "100 us": 1e-4}
+
+
+def _tick(stamps: Float[np.ndarray, " n"]) -> str:
+    """Unit of a clock of Xsens, by its steps."""
+    step = float(np.median(np.abs(np.diff(stamps)))) if len(stamps) > 1 else 0.0
+    return "us" if step > LONGEST_DOT_TICK else "100 us"
+
+
+def _unwrapped(stamps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Stamps of a clock that begins again, as one that goes on: those that fall by nearly a whole turn.
+
+    A fall of more than nine tenths of a turn, which leads to a step of less than a tenth, is no disorder.
+    """
+    steps = np.diff(stamps)
+    for turn in _TURNS:
+        if (np.abs(stamps) < turn).all() and (steps < -0.9 * turn).any():
+            return stamps + np.concatenate([[0.0], turn * np.cumsum(steps < -0.9 * turn)])
+    return stamps
+
+
+def _has_clock(source: NamedColumns, columns: MotionColumns) -> bool:
+    """Whether a column is a clock, with numbers in it: the loggers of Xsens leave it empty where they have none."""
+    if columns.time is None:
+        return False
+    try:
+        source.read([columns.time[0]])
+    except InputError:
+        return False
+    return True
 
 
 def _acceleration(
@@ -335,14 +434,14 @@ def _acceleration(
         return None
     middle = float(np.median(np.linalg.norm(force, axis=1)))
     spelled = spelled or next((u for u, (low, high) in _AT_REST.items() if low < middle < high), "")
-    time = _acceleration_times(table, columns, options)
+    time = _acceleration_times(table, columns, options, source.stated_rate)
     if not spelled or len(time) < 2 or (np.diff(time) <= 0).any():
         return None
     return Acceleration(time, force * KNOWN_UNITS["acceleration"][spelled])
 
 
 def _acceleration_times(
-    table: Table, columns: MotionColumns, options: ReadingOptions
+    table: Table, columns: MotionColumns, options: ReadingOptions, stated_rate: float | None
 ) -> Float[np.ndarray, " n"]:
     """Times of an accelerometer's samples, s.
 
@@ -350,17 +449,21 @@ def _acceleration_times(
     """
     if columns.time is None:
         return np.arange(0 if table.incomplete else len(table.values)) / (options.rate or 1.0)
-    stamps, stated = table.values[:, 0], "s" if table.is_dated else columns.time[1]
+    stamps, stated = _unwrapped(table.values[:, 0]), "s" if table.is_dated else columns.time[1]
+    if stated == SAMPLES and stated_rate is not None:
+        return (stamps - stamps[0]) / stated_rate
+    stated = _tick(stamps) if stated == TICKS and options.clock is None else stated.replace(TICKS, "")
     unit = stated or options.clock or clock_unit(table.path, table.names[0], stamps, None)
-    return stamps * CLOCK_UNITS[unit]
+    return stamps * _CLOCKS[unit]
 
 
-def _quantities(
-    source: NamedColumns, columns: MotionColumns, options: ReadingOptions
-) -> tuple[Quantity, ...]:
-    """The quantities read of a table.
+def _quantity(
+    source: NamedColumns, columns: MotionColumns, options: ReadingOptions, bare: Quantity | None
+) -> Quantity:
+    """The quantity read of a table: rates, or the kind of rotation.
 
-    InputError where it does not describe a motion or its clock.
+    Attitudes beside rates and accelerations are those that an inertial unit makes of them: the rates are read then, unless the user
+    asks for attitudes. InputError where the table does not describe a motion or its clock.
     """
     found, path, names = columns.vectors, source.path, source.names
     if columns.time is None and options.rate is None:
@@ -368,10 +471,18 @@ def _quantities(
             f"{path_text(path)}: header {value_text(', '.join(names))}: no column is a clock; name it time_s, or give "
             f"{to_state('rate', 'HZ')}"
         )
-    if "quaternion" in found:
-        return ("quaternion",)
+    is_unit = {"rate", "acceleration"} <= found.keys() and "position" not in found
+    if "quaternion" in found and (not is_unit or bare == "quaternion"):
+        return "quaternion"
+    if "matrix" in found and ("position" in found or "rate" not in found):
+        return "matrix"
     if "rate" in found:
-        return ("rate",)
+        return "rate"
+    if "position" in found:
+        raise InputError(
+            f"{path_text(path)}: header {value_text(', '.join(names))}: has positions without a quaternion; name its columns "
+            "qx,qy,qz,qw, or export quaternions, because three angles do not show their order"
+        )
     raise InputError(
         f"{path_text(path)}: header {value_text(', '.join(names))}: contains no body rate about each of x, y, z; name the columns "
         f"such as {EXAMPLE} (rad/s) or time_s,wx_dps,wy_dps,wz_dps"

@@ -27,6 +27,11 @@ class NamedColumns(Protocol):
         """Of all columns."""
         ...
 
+    @property
+    def stated_rate(self) -> float | None:
+        """Samples a second, Hz, as the lines above the header say; None of others."""
+        ...
+
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
         """Finite numbers of some columns, by their indices.
 
@@ -46,6 +51,11 @@ class TextColumns:
     def names(self) -> tuple[str, ...]:
         """Of all columns."""
         return self.layout.names
+
+    @property
+    def stated_rate(self) -> float | None:
+        """See `NamedColumns.stated_rate`."""
+        return self.layout.rate
 
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
         """See `NamedColumns.read`."""
@@ -69,6 +79,11 @@ class ArrayColumns:
     path: Path
     names: tuple[str, ...]
     columns: tuple[np.ndarray, ...]
+
+    @property
+    def stated_rate(self) -> float | None:
+        """None: there are no lines above."""
+        return None
 
     def __post_init__(self) -> None:
         lengths = {name: len(column) for name, column in zip(self.names, self.columns, strict=True)}

@@ -17,9 +17,11 @@ from spinfilters.core.attitude_conversions import continuous_quaternions, invers
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import at_times
+from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.input_file import path_text, read_bytes, reason, value_text
-from spinfilters.io.measurement_log import freeze_arrays
+from spinfilters.io.measurement_log import MeasurementLog, freeze_arrays
 from spinfilters.io.motion_columns import KNOWN_UNITS, motion_columns
+from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.stated_values import CLOCK_UNITS, ReadingOptions
 from spinfilters.io.truth import TRUTH_COLUMNS, Truth
 
@@ -29,6 +31,13 @@ FEWEST_ROWS: Final = 4
 UNIT: Final = 0.02
 """Largest departure of a quaternion's norm from one; what rounding to two digits leaves."""
 
+_Columns = dict[str, Float[np.ndarray, "n k"]]
+_MEASURED: Final = {
+    "position": ("tx", "ty", "tz"),
+    "q_lm": ("qx", "qy", "qz", "qw"),
+    "rate": ("wx", "wy", "wz"),
+}
+"""Columns of a sensor that measures them."""
 _MOTIVE_UNITS: Final[Mapping[str, float]] = {"meters": 1.0, "millimeters": 1e-3, "centimeters": 1e-2}
 
 
@@ -79,8 +88,10 @@ class ReferenceMotion:
                 f"{self.name}: has neither attitudes nor rates; give columns qx,qy,qz,qw or wx,wy,wz with the time"
             )
         if len(self.time) < FEWEST_ROWS:
+            lost = f" ({', '.join(self.left_out)})" if self.left_out else ""
+            cure = "correct them" if self.left_out else "record more"
             raise InputError(
-                f"{self.name}: {len(self.time)} rows can be used, a reference needs {FEWEST_ROWS}; record more"
+                f"{self.name}: {len(self.time)} rows can be used{lost}, a reference needs {FEWEST_ROWS}; {cure}"
             )
         freeze_arrays(self, ("time", "attitude", "position", "rate", "velocity"))
 
@@ -108,6 +119,29 @@ def reference_of_truth(truth: Truth, name: str = "the truth") -> ReferenceMotion
         shares_frame=True,
         shares_origin=True,
     )
+
+
+def reference_of_log(log: MeasurementLog, name: str) -> ReferenceMotion:
+    """Poses, attitudes or rates of a recording as a reference, of the first stream whose columns are any of these.
+
+    Raises
+    ------
+    InputError
+        None of them, or too few rows.
+    """
+    for stream in log.streams:
+        columns = sensor_format(stream.sensor).columns
+        found = {key: _named(stream.values, columns, names) for key, names in _MEASURED.items()}
+        known = {key: values for key, values in found.items() if values is not None}
+        if "q_lm" in known or "rate" in known:
+            return _reference(name, {"time": stream.time[:, np.newaxis], **known})
+    sensors = ", ".join(stream.sensor for stream in log.streams)
+    raise InputError(f"{name}: has measurements of {sensors}; a reference has poses, attitudes or rates")
+
+
+def _named(values: np.ndarray, columns: Sequence[str], names: Sequence[str]) -> np.ndarray | None:
+    """Columns of a stream by their names; None where it does not have them all."""
+    return values[:, [columns.index(each) for each in names]] if set(names) <= set(columns) else None
 
 
 def relative_reference(target: ReferenceMotion, inspector: ReferenceMotion) -> ReferenceMotion:
@@ -184,14 +218,11 @@ def read_reference(path: Path, shares: Sequence[str] = ()) -> ReferenceMotion:
     except csv.Error as error:
         raise InputError(f"{path_text(path)}: is no table ({reason(error)}); export it again") from None
     return replace(
-        _reference(path, columns), shares_frame="frame" in shares, shares_origin="origin" in shares
+        _reference(path_text(path), columns), shares_frame="frame" in shares, shares_origin="origin" in shares
     )
 
 
-_Columns = dict[str, Float[np.ndarray, "n k"]]
-
-
-def _reference(path: Path, columns: _Columns) -> ReferenceMotion:
+def _reference(name: str, columns: _Columns) -> ReferenceMotion:
     """Rows that can be used."""
     time = columns.pop("time")[:, 0]
     held = np.isfinite(time)
@@ -219,7 +250,7 @@ def _reference(path: Path, columns: _Columns) -> ReferenceMotion:
     if "rate_i" in chosen:
         chosen["rate"] = rotate(inverse(chosen["q_lm"]), chosen.pop("rate_i"))
     return ReferenceMotion(
-        path_text(path),
+        name,
         time[rows],
         chosen.get("q_lm"),
         chosen.get("position"),
@@ -246,13 +277,18 @@ def _tum_columns(path: Path, lines: Sequence[str]) -> _Columns:
 def _table_columns(path: Path, lines: Sequence[str]) -> _Columns:
     delimiter = max(",;\t", key=lines[0].count)
     names = [cell.strip() for cell in lines[0].split(delimiter)]
-    values = _numbers(path, list(csv.reader(lines[1:], delimiter=delimiter)), len(names))
     known = motion_columns(path, names, ReadingOptions(), bare="position")
     if known.time is None:
         raise InputError(
             f"{path_text(path)}: has no column of the time; name one time_s, time or t, in seconds"
         )
     clock, unit = known.time
+    rows = list(csv.reader(lines[1:], delimiter=delimiter))
+    values = _numbers(path, rows, len(names))
+    if rows and clock < len(rows[0]) and seconds_of_clock(rows[0][clock]) is not None:
+        told = (seconds_of_clock(row[clock]) if clock < len(row) else None for row in rows)
+        values[:, clock] = [np.nan if seconds is None else seconds for seconds in told]
+        unit = "s"
     unit = unit or ("ns" if names[clock].lower() == "#timestamp" else "s")  # EuRoC's ground truth states none
     chosen = {"time": values[:, [clock]] * CLOCK_UNITS[unit]}
     rate = "rate_i" if set(TRUTH_COLUMNS) <= {name.lower() for name in names} else "rate"

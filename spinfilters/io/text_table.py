@@ -33,7 +33,7 @@ from spinfilters.io.input_file import (
     value_text,
 )
 from spinfilters.io.output_files import atomic_file
-from spinfilters.io.stated_values import NumberRange, to_state
+from spinfilters.io.stated_values import SAMPLING_RATE, NumberRange, to_state
 
 COMMENTS: Final = ("#", "//", "!")
 """Marks of comment lines in tables of others; '%' begins the header of some exports and is dropped there."""
@@ -77,6 +77,8 @@ class TableLayout:
         Whether the decimal mark is a comma.
     comments : tuple[str, ...]
         Marks of comment lines. Without any the table is strict, as our own formats are: no quotes and no empty cells.
+    rate : float | None
+        Samples a second, Hz, as the lines above the header say; None where they do not.
     """
 
     names: tuple[str, ...]
@@ -85,6 +87,7 @@ class TableLayout:
     delimiter: str | None = ","
     decimal_comma: bool = False
     comments: tuple[str, ...] = ()
+    rate: float | None = None
 
     @property
     def comment(self) -> str | None:
@@ -116,6 +119,8 @@ class TableLayout:
             with suppress(csv.Error):  # of a cell beyond all measure
                 cells = next(csv.reader([text], delimiter=self.delimiter or " "), [])
         cells = [cell.strip() for cell in (text.split(self.delimiter) if cells is None else cells)]
+        if self.delimiter is None and len(cells) > len(self.names) and self.comments:
+            cells = re.split(r"\s{2,}|\t", text.strip())  # cells with blanks in them, such as dates
         if self.comments and cells[-1:] == [""] and len(cells) == len(self.names) + 1:
             cells.pop()
         return cells
@@ -245,6 +250,8 @@ def read_blank_separated(path: Path, names: Sequence[str]) -> Table:
 def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     """Layout of a table that others export, by its header: the first line of words above a line of numbers.
 
+    The lines above it may state the rate of its samples.
+
     Parameters
     ----------
     path : Path
@@ -260,6 +267,35 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     require_file(path, MAX_TABLE_BYTES)
     encoding = _encoding(path)
     require_text_table(path, encoding)
+    layout = _found_layout(path, stated, encoding)
+    return replace(layout, rate=_stated_rate(path, layout))
+
+
+_RATE_WORDS = re.compile(
+    r"(?:(?:update|sample|sampling|output|capture)[ _]?(?:rate|frequency)|(?<![A-Za-z_])FREQUENCY)\W{0,3}(\d{1,6}(?:\.\d{1,9})?)\s*"
+    r"(?:Hz|fps)?(?=[,;\s]|$)",
+    re.IGNORECASE,
+)
+_VICON_GROUPS = ("Objects", "Segments", "Trajectories")
+"""Lines of a table of Vicon, below which its rate stands alone."""
+
+
+def _stated_rate(path: Path, layout: TableLayout) -> float | None:
+    """Rate in the lines above a header, Hz; None where they state none, or two."""
+    rates, before = set(), ""
+    with open(path, encoding=layout.encoding) as stream:
+        for _ in range(min(layout.header_line, PREAMBLE_LINES)):
+            line = stream.readline().strip()
+            rates |= {float(each) for each in _RATE_WORDS.findall(line)}
+            if before in _VICON_GROUPS and _is_numbers(line) and len(line.split()) == 1:
+                rates.add(float(line))
+            before = line
+    rate = rates.pop() if len(rates) == 1 else 0.0
+    return rate if 0.0 < rate <= SAMPLING_RATE.largest else None
+
+
+def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayout:
+    """Layout of a table in this encoding. InputError: see `read_layout`."""
     # no cell is known before the header is found, so that delimiters alone leave a line empty
     preamble = TableLayout((), encoding, header_line=0, comments=COMMENTS)
     held: list[_NumberedLine] = []
@@ -341,7 +377,7 @@ def _stated_layout(path: Path, names: tuple[str, ...], number: int, line: str, e
     delimiter = max(_DELIMITERS, key=line.count)
     separator = delimiter if delimiter in line else None
     cells = len(line.split(separator))
-    if cells != len(names):
+    if cells != len(names) + _ends_empty(line, separator):
         raise InputError(
             f"{path_text(path)}: line {number}: has {cells} cells, and the stated columns are {len(names)}; "
             "name every column, with - for those to leave out"
@@ -401,10 +437,21 @@ def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | Non
     while place > 0 and len(set(filter(None, rows[place]))) < 3:  # such as types of the columns
         place -= 1
     names = rows[place]
+    kinds = next(
+        (each for each in rows[:place] if "Type" in each[:2]), None
+    )  # Motive, markers of the bodies among them
+    if kinds is not None and "Rigid Body" in kinds:
+        names = [
+            name if kind in ("Rigid Body", "", "Type") else ""
+            for name, kind in zip(names, kinds, strict=True)
+        ]
     if sum(map(bool, names)) < 3 or not any(each.isalpha() for name in names for each in name):
         return None
     if len(set(filter(None, names))) < sum(map(bool, names)) and place:  # X, Y, Z of several groups
-        names = [f"{group} {name}".strip() for group, name in zip(rows[place - 1], names, strict=True)]
+        names = [
+            f"{group} {name}".strip() if name else ""
+            for group, name in zip(rows[place - 1], names, strict=True)
+        ]
         length = _stated_length(lines)
         names = [f"{name} ({length})" if length and name.startswith("Position ") else name for name in names]
     names = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
@@ -445,7 +492,10 @@ def _stated_length(lines: Sequence[_NumberedLine]) -> str:
 
 
 def _is_row(line: str) -> bool:
-    """Whether a line is a row of at least three numbers whose first cell is one."""
+    """Whether a line is a row of at least three numbers whose first cell is one, or is a date."""
+    cells = _split(line, max(_DELIMITERS, key=line.count))
+    if cells and seconds_of_clock(cells[0]) is not None:
+        return sum(map(_is_numbers, cells[1:])) >= 3
     return (
         _is_numbers(line)
         and line.lstrip(" ")[:1] not in _DELIMITERS
@@ -458,7 +508,16 @@ def _has_stated(line: str, names: Sequence[str]) -> bool:
     delimiter = max(_DELIMITERS, key=line.count)
     cells = _split(line, delimiter) if delimiter in line else line.split()
     chosen = [cell for cell, name in zip(cells, names, strict=False) if name != "-"]
-    return len(cells) == len(names) and bool(chosen) and all(map(_is_numbers, chosen))
+    return (
+        len(cells) == len(names) + _ends_empty(line, delimiter)
+        and bool(chosen)
+        and all(map(_is_numbers, chosen))
+    )
+
+
+def _ends_empty(line: str, delimiter: str | None) -> bool:
+    """Whether the last cell of a line is empty, as behind a delimiter at its end."""
+    return delimiter is not None and line.rstrip(" \r\n").endswith(delimiter)
 
 
 def _has_decimal_comma(delimiter: str | None, line: str) -> bool:
@@ -468,7 +527,7 @@ def _has_decimal_comma(delimiter: str | None, line: str) -> bool:
 
 def _is_numbers(line: str) -> bool:
     """Whether a line holds numbers and no more."""
-    cells = line.replace(";", " ").replace(",", " ").split()
+    cells = re.sub("[;,|]", " ", line).split()
     try:
         for cell in cells:
             float(cell)

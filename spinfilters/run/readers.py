@@ -9,18 +9,22 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins, require_made
 from spinfilters.io.ardupilot_log import ArduPilotLogReader
 from spinfilters.io.array_exports import ArrayExportReader
+from spinfilters.io.attitude_ephemeris import AttitudeEphemerisReader
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import DatasetFolderReader, OtherFolderReader, SensorTableReader
 from spinfilters.io.dataset_reader import DatasetReader, OnRefused, RawDataReader
 from spinfilters.io.input_file import path_text
+from spinfilters.io.labelled_lines import LabelledLinesReader
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.motion_file import LoggerFolderReader, MotionFileReader
+from spinfilters.io.number_folders import KittiFolderReader, Simulator42Reader
 from spinfilters.io.phone_exports import PhoneExportReader, PhyphoxReader
 from spinfilters.io.px4_log import Px4LogReader
 from spinfilters.io.repeated_rows import without_repeated_rows
 from spinfilters.io.ros_bag import RosBagReader
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
 from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
+from spinfilters.io.typed_rows import TypedRowsReader
 from spinfilters.io.zip_export import ZipReader
 
 
@@ -172,6 +176,11 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     Px4LogReader(),
     ArduPilotLogReader(),
     LoggerFolderReader(),
+    KittiFolderReader(),
+    Simulator42Reader(),
+    TypedRowsReader(),
+    LabelledLinesReader(),
+    AttitudeEphemerisReader(),
     PhoneExportReader(),
     PhyphoxReader(),
     RosBagReader(),

@@ -3,8 +3,9 @@
 Nothing about a reference ends a run: what cannot be compared is a sentence in its file.
 """
 
+import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -16,22 +17,27 @@ from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.linear_algebra import at_times
 from spinfilters.evaluation.reference_comparison import ReferenceComparison, compare_with_reference
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.io.input_file import reason
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.input_file import path_text, reason
 from spinfilters.io.output_files import write_json
 from spinfilters.io.reference_motion import (
     ReferenceMotion,
     read_reference,
+    reference_of_log,
     relative_reference,
 )
 from spinfilters.io.text_table import write_csv
 from spinfilters.run.array_files import DAMAGED, finite_document, read_arrays, unusable, write_arrays
 from spinfilters.run.pictures import Pictures, draw_pictures
+from spinfilters.run.readers import read_whole
 from spinfilters.run.run_folder import REFERENCE_ARRAYS, REFERENCE_FILE, REFERENCE_TABLE, reference_pictures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCHEMA: Final = 1
+TEXTS: Final = ("", ".tum", ".txt", ".csv", ".tsv", ".dat")
+"""Suffixes of files that may be tables of a reference."""
 CURE: Final = "run compare again with --resume --reference FILE"
 WIDTHS: Final[Mapping[str, int]] = {"attitude": 4, "position": 3, "rate": 3, "velocity": 3}
 """Columns of what a reference may know."""
@@ -42,12 +48,41 @@ COLUMNS: Final = (
 )
 
 
-def chosen_reference(path: str, inspector: str | None, shares: Sequence[str]) -> ReferenceMotion:
-    """Reference of a file, or of two: a target's motion as an inspector's body axes see it. InputError: as `read_reference`."""
-    reference = read_reference(Path(path), shares)
-    if inspector is None:
-        return reference
-    return relative_reference(reference, read_reference(Path(inspector)))
+def chosen_reference(
+    given: str | os.PathLike[str] | Dataset,
+    inspector: str | os.PathLike[str] | Dataset | None,
+    shares: Sequence[str],
+) -> ReferenceMotion:
+    """Reference of a recording, or of two: a target's motion as an inspector's body axes see it.
+
+    Raises
+    ------
+    InputError
+        As `read_reference` of a text, and `read_dataset` of any other recording.
+    """
+    reference = _reference_of(given, shares)
+    return reference if inspector is None else relative_reference(reference, _reference_of(inspector, ()))
+
+
+def _reference_of(given: str | os.PathLike[str] | Dataset, shares: Sequence[str]) -> ReferenceMotion:
+    """A data set's motion; of a text leniently, as motion capture loses markers, else by the readers of recordings."""
+    shared = {"shares_frame": "frame" in shares, "shares_origin": "origin" in shares}
+    if isinstance(given, Dataset):
+        name = "the reference" if given.path is None else path_text(given.path)
+        return replace(reference_of_log(given.log, name), **shared)
+    path = Path(given)
+    refused: InputError | None = None
+    if path.suffix.lower() in TEXTS and not path.is_dir():
+        try:
+            return read_reference(path, shares)
+        except InputError as error:
+            refused = error
+    try:
+        return replace(reference_of_log(read_whole(path).log, path_text(path)), **shared)
+    except InputError:
+        if refused is None:
+            raise
+        raise refused from None
 
 
 @dataclass(frozen=True)

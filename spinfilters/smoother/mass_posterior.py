@@ -402,7 +402,7 @@ class MassSampler:
         away = self.layout.local(self._prior.mean, x[0])[self._s] / self._prior_std[self._s]
         least = solved.point.cost(self._used, Stage(self._loss)) - solved.normal.predicted_reduction
         log_density = -0.5 * (least + float(away @ away)) - 0.5 * log_determinant(solved.normal)
-        outside = log_volume_ratio(traceless_part(away * self._prior_std[self._s]))
+        outside = float(log_volume_ratio(traceless_part(away * self._prior_std[self._s])))
         return ConditionalMotion(x, solved.point.points, log_density - outside, solution)
 
 
@@ -426,16 +426,17 @@ def even_points(count: int, dimension: int, seed: int) -> Float[np.ndarray, "n d
     return np.clip(points, SMALLEST_UNIFORM, 1 - SMALLEST_UNIFORM)
 
 
-def log_volume_ratio(D: Float[np.ndarray, "3 3"]) -> float:
+def log_volume_ratio(D: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n"]:
     """log v: sum of log(sinh(d) / d) over the pairs of eigenvalues of D, d half their difference."""
-    smallest, middle, largest = np.linalg.eigvalsh(D)
+    smallest, middle, largest = np.moveaxis(np.linalg.eigvalsh(D), -1, 0)
     d = np.maximum(np.array([middle - smallest, largest - smallest, largest - middle]) / 2, SMALLEST_GAP)
-    return float((d + np.log1p(-np.exp(-2 * d)) - np.log(2 * d)).sum())
+    return (d + np.log1p(-np.exp(-2 * d)) - np.log(2 * d)).sum(axis=0)
 
 
-def traceless_part(d: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 3"]:
+def traceless_part(d: Float[np.ndarray, "*n 5"]) -> Float[np.ndarray, "*n 3 3"]:
     """The symmetric D of trace zero with the components d, as `spinfilters.core.mass_distribution.traceless`."""
-    return np.array([[d[0], d[2], d[3]], [d[2], d[1], d[4]], [d[3], d[4], -d[0] - d[1]]])
+    a, b, c, e, f = np.moveaxis(d, -1, 0)
+    return np.stack([a, c, e, c, b, f, e, f, -a - b], axis=-1).reshape(*d.shape[:-1], 3, 3)
 
 
 def log_determinant(normal: NormalEquations) -> float:

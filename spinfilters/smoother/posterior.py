@@ -11,7 +11,7 @@ Gaussian of the motion given s, so that
 What is published of the posterior are mixtures of these Gaussians, never their draws. Noise levels are those of the problem.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -33,8 +33,11 @@ from spinfilters.smoother.mass_posterior import (
     log_volume_ratio,
     traceless_part,
 )
+from spinfilters.smoother.mass_surrogate import SurrogatePosterior
 from spinfilters.smoother.problem import Problem
 
+DRAWS = 12_000
+"""Of the surrogate, for quantities of the body."""
 COVARIANCES = 24
 """Samples over which the covariance of the motion given the mass distribution is averaged."""
 
@@ -117,9 +120,9 @@ def sample_posterior(
     found = sampler.sample(nodes, options.samples, options.seed)
     if found is None:
         return None
-    method = "importance"
-    if not found.weights.shape < options.largest_shape:
-        found, method = _walk_ensemble(sampler, nodes, found, options), "mcmc"
+    is_sampled = found.weights.shape < options.largest_shape
+    if not is_sampled:
+        found = _walk_ensemble(sampler, nodes, found, options)
     weights = found.weights.weights
     mean, factor = _moments(sampler, found, weights)
     last = StateMixture(
@@ -128,8 +131,13 @@ def sample_posterior(
         found.last_factors,
         weights,
         found.weights.shape,
-        method,
+        "importance" if is_sampled else "mcmc",
     )
+    if is_sampled:
+        points, weights_of_points = SurrogatePosterior.through(sampler, nodes, found).draws(
+            DRAWS, options.seed
+        )
+        last = replace(last, mass_points=points, mass_weights=weights_of_points)
     shape = sampler.gaussian_shape(nodes[0], TRIED, options.seed + 1)
     nees = sampler.gaussian_nees(nodes[0], found.points, weights)
     return Posterior(mean, factor, last, MassSamples(found.points, weights, shape, nees))
@@ -164,7 +172,7 @@ def _walk_ensemble(
         there = sampler.conditional(begin, iterations=3)
         if there is None:
             return -np.inf, None
-        density = there.log_density + log_volume_ratio(traceless_part(d))
+        density = there.log_density + float(log_volume_ratio(traceless_part(d)))
         return density, (there.trajectory, latest_factor(there.solution))
 
     chosen = generator.choice(len(places), options.walkers, p=found.weights.weights)

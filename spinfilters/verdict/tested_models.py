@@ -48,12 +48,15 @@ class PossibleCorrelation:
     score_inflation : float
         By which errors of landmarks' observations that last enlarge scores, beyond what is stated of them; 1 where they are
         white.
+    explanations : tuple[CorrelatedErrors, ...]
+        By errors that last, the one that deviations are widened for first.
     """
 
     doubts: tuple[Finding, ...] = ()
     widening: Float[np.ndarray, "k e e"] | None = None
     undecided: Finding | None = None
     score_inflation: float = 1.0
+    explanations: tuple[CorrelatedErrors, ...] = ()
 
 
 NO_CORRELATION: Final = PossibleCorrelation()
@@ -101,9 +104,9 @@ def possible_correlation(
         )
         for each in likely[:1]
     )
-    widest = max(found, key=lambda each: float(np.square(each.widening).sum()))
+    widest, *others = sorted(found, key=lambda each: -float(np.square(each.widening).sum()))
     undecided = finding("correlation-undecided", {"time": widest.time, "sizes": _sizes(widest)})
-    return PossibleCorrelation(doubts, widest.widening, undecided)
+    return PossibleCorrelation(doubts, widest.widening, undecided, explanations=(widest, *others))
 
 
 def _stated_inflation(setup: Setup) -> float:

@@ -25,6 +25,7 @@ from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.reference_motion import ReferenceMotion, read_reference, reference_of_truth
 from spinfilters.io.truth import Truth
 from spinfilters.run.comparison_run import without_late_truth
+from spinfilters.run.reference_output import chosen_reference
 from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 
@@ -216,6 +217,37 @@ def test_rates_of_a_table_are_read_in_the_units_of_its_header(
     assert read.rate is not None
     np.testing.assert_allclose(read.time, np.arange(6))
     np.testing.assert_allclose(read.rate[:, 0], rate)
+
+
+def test_dates_are_a_clock_and_refused_rows_are_counted(tmp_path: Path) -> None:
+    head, row = "time,x,y,z,qx,qy,qz,qw", "1,2,3,0,0,0,1"
+    dated = tmp_path / "dated.csv"
+    dated.write_text("\n".join([head, *(f"2026-11-26T12:00:{k:02d}.5Z,{row}" for k in range(6))]))
+    reference = read_reference(dated)
+    np.testing.assert_allclose(np.diff(reference.time), 1.0)
+    assert reference.time[0] == pytest.approx(1795694400.5)
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text("\n".join([head, *(f"{k},1,2,3,0,0,0,2" for k in range(6))]))
+    with pytest.raises(InputError, match=r"6 rows whose quaternion is not of norm one.*correct them"):
+        read_reference(wrong)
+
+
+def test_any_recording_of_the_motion_is_a_reference(tmp_path: Path) -> None:
+    dataset = simulate(Scenario.simplified(kind="pose", epochs=12))
+    poses = dataset.log.streams[0]
+    table = np.column_stack([poses.time, poses.values])
+    header = "time x y z qx qy qz qw"
+    np.savetxt(tmp_path / "poses.log", table, header=header, comments="")
+    for given in (dataset, str(tmp_path / "poses.log")):
+        found = chosen_reference(given, None, ("frame",))
+        assert found.shares_frame
+        assert found.position is not None
+        np.testing.assert_allclose(found.position, poses.values[:, :3])
+    rates = chosen_reference(simulate(Scenario.simplified(kind="gyro", epochs=12)), None, ())
+    assert rates.attitude is None
+    assert rates.rate is not None
+    with pytest.raises(InputError, match="a reference has poses, attitudes or rates"):
+        chosen_reference(simulate(Scenario.simplified(kind="mono-tracks", epochs=12)), None, ())
 
 
 def test_biases_beside_poses_are_no_rates(tmp_path: Path) -> None:

@@ -14,22 +14,18 @@ import pytest
 import spinfilters
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
-
-COUNT = 40
-TIME = 0.02 * np.arange(COUNT)  # s
-RATES = np.column_stack([0.3 + 0.1 * TIME, 1.5 * np.cos(2 * TIME), 1.5 * np.sin(2 * TIME)])  # rad/s
-TURN = np.column_stack([np.zeros((COUNT, 2)), np.sin(0.4 * TIME), np.cos(0.4 * TIME)])  # x, y, z, w
-PLACE = np.column_stack([0.1 * TIME, 0.2 * TIME, 1.0 + 0.0 * TIME])  # m
-START_NS = 1_403_636_579_763_555_584
-STAMPS_NS = [START_NS + 20_000_000 * k for k in range(COUNT)]
-STAMPS_US = [5_000_000 + 20_000 * k for k in range(COUNT)]
-
-
-def text(path: Path, head: str, rows: Any, between: str = ",") -> Path:
-    """A table with this head and rows."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(head + "".join(between.join(str(cell) for cell in row) + "\n" for row in rows))
-    return path
+from tests.io.logger_motion import (
+    COUNT,
+    DEGREES,
+    PLACE,
+    RATES,
+    STAMPS_NS,
+    STAMPS_US,
+    TIME,
+    TURN,
+    require_motion,
+    text,
+)
 
 
 def euroc_imu(folder: Path) -> Path:
@@ -332,9 +328,6 @@ def rosbag(folder: Path) -> Path:
     return path
 
 
-DEGREES = np.degrees(RATES)
-
-
 def optitrack(folder: Path) -> Path:
     head = "Format Version,1.23,Take Name,Take 1,Capture Frame Rate,50.000000,Rotation Type,Quaternion,Length Units,Millimeters\n\n"
     for cell in ("Rigid Body", "Body", "4F1E"):
@@ -475,30 +468,16 @@ AS_IT_IS: tuple[Callable[[Path], Path], ...] = (
         basilisk,
         dataflash_text,
         dataflash,
+        vicon,
     ),
 )
 WITH_A_HINT: tuple[tuple[Callable[[Path], Path], dict[str, Any], str], ...] = (
     (p_q_r, {"unit": "rad/s"}, "--unit"),
     (no_header, {"columns": "t,x,y,z", "unit": "deg/s"}, "--columns"),
     (bare_blanks, {"columns": "t,wx,wy,wz"}, "--columns"),
-    (vicon, {"rate": 50.0}, "--rate"),
     (kitti, {"rate": 50.0}, "--rate"),
-    (gopro, {"columns": "t,-,wz,wx,wy,-", "clock": "ms"}, "clock"),
+    (gopro, {"columns": "t,-,wz,wx,wy,-", "clock": "ms"}, "name the columns"),
 )
-
-
-def require_motion(dataset: spinfilters.Dataset) -> None:
-    """The motion that every file holds."""
-    stream = dataset.log.streams[0]
-    np.testing.assert_allclose(
-        stream.time - stream.time[0], TIME, atol=1e-3 if stream.time[0] > 1e8 else 1e-6
-    )
-    if stream.sensor == "gyro":
-        np.testing.assert_allclose(stream.values, RATES, atol=2e-6)
-        return
-    np.testing.assert_allclose(stream.values[:, -4:], TURN, atol=2e-6)
-    if stream.sensor == "pose":
-        np.testing.assert_allclose(stream.values[:, :3], PLACE, atol=1e-9)
 
 
 @pytest.mark.parametrize("make", AS_IT_IS, ids=lambda make: make.__name__)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from spinfilters import compare, simulate
-from spinfilters.inference.smoother_run import smoothed_problem
+from spinfilters.evaluation.posterior_distance import posterior_quantities
+from spinfilters.inference.smoother_run import smooth_at_once, smoothed_problem
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother import posterior as posterior_module
@@ -56,6 +57,18 @@ def test_walkers_find_the_posterior_that_importance_finds() -> None:
     assert np.sqrt(walked.mass.weights @ np.square(walked_away)) == pytest.approx(std, rel=0.5)
 
 
+def test_quantiles_of_few_samples_do_not_depend_on_which() -> None:
+    setup = prepare(simulate("gyro", rate_rpm=(4.0, 9.0, 3.0), frames=30, seed=2), Settings())
+    problem, smoothed = smoothed_problem(setup, Settings())
+    history, found = smooth_at_once(setup, Settings(), lambda done, every: None), []
+    for seed in (1, 2):
+        sampled = sample_posterior(problem, smoothed.mean, replace(FEW, seed=seed))
+        assert sampled is not None
+        found.append(posterior_quantities(sampled.last, history)["moments"].quantiles())
+    width = found[0][:, -1:] - found[0][:, :1]
+    assert np.abs((found[0] - found[1]) / width).max() < 0.05
+
+
 def test_landmarks_are_integrated_out_with_the_motion() -> None:
     here = sample(replace(LONG, pixel_std=0.1), pixel_std=0.1)
     rich = solved(here, InitialGuess(here.truth, here.known.ids, here.known.points))
@@ -79,6 +92,9 @@ def test_the_posterior_takes_tracks_without_a_map() -> None:
     distances = found["smoother"].evaluation.distances
     assert distances is not None
     assert set(distances) >= {"attitude", "rate", "moments", "axes"}
+    own = found["posterior"].evaluation.distances
+    assert own is not None
+    assert own["attitude"].divergence < 0.1  # its Gaussian and its samples agree about the motion
 
 
 def test_even_points_fill_the_cube_evenly() -> None:

@@ -67,7 +67,8 @@ def possible(monkeypatch: pytest.MonkeyPatch, *found: CorrelatedErrors) -> Possi
 def errors(probability: float, inflation: float, widening: float = 1.0) -> CorrelatedErrors:
     """Errors that would make variances larger."""
     sizes, wider = ({}, {"noise": 0.1}, {}), widening * np.eye(3)[np.newaxis]
-    return CorrelatedErrors(*sizes, 3.0, probability, 5.0, inflation, wider)
+    variances = np.ones((3, wider.shape[-1]))
+    return CorrelatedErrors(*sizes, 3.0, probability, 5.0, inflation, wider, variances, 0.0)
 
 
 @pytest.mark.parametrize(

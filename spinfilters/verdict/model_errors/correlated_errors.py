@@ -52,6 +52,13 @@ STEP, SMALL = 0.1, 1e-9
 """Of a level, for that change; a deviation that is none."""
 
 
+class Steepest(NamedTuple):
+    """Step of one deviation in the levels along which ln A rises most, and its rise."""
+
+    direction: Float[np.ndarray, " f"]
+    rise: float
+
+
 @dataclass(frozen=True)
 class ExplainedErrors:
     """Errors of smoothed states by the measurements' own.
@@ -122,22 +129,34 @@ class ExplainedErrors:
             Of the levels that are free.
         """
         beta = -float(ndtri(min(MOST_WRONG / (2 * probability), 0.5)))
-        direction, deviation = self._steepest(likely, information)
+        direction, deviation = self.steepest(likely, information)
         u = (np.sqrt(1 + (beta * deviation) ** 2) - 1) / max(deviation, SMALL)
         values, vectors = np.linalg.eigh(self.relative(likely.moved(u * direction).levels))
         larger = (beta**2 - u**2) / CLAIM**2 * values
         return vectors * np.sqrt(np.maximum(larger, 1.0))[:, np.newaxis]
 
-    def _steepest(
-        self, likely: LikelyLevels, information: Float[np.ndarray, "f f"]
-    ) -> tuple[Float[np.ndarray, " f"], float]:
-        """Step of one deviation in the levels along which ln A rises most, and its rise."""
+    def steepest(self, likely: LikelyLevels, information: Float[np.ndarray, "f f"]) -> "Steepest":
+        """Step in the levels along which ln A rises most.
+
+        Parameters
+        ----------
+        information : (f, f) float array
+            Of the levels that are free.
+        """
         steps = STEP * np.eye(len(likely.free))
         here = self._log_size(likely)
         slope = np.array([(self._log_size(likely.moved(step)) - here) / STEP for step in steps])
         spread = np.linalg.solve(information + np.eye(len(slope)) / UNKNOWN_LEVEL**2, slope)
         deviation = float(np.sqrt(slope @ spread))
-        return spread / max(deviation, SMALL), deviation
+        return Steepest(spread / max(deviation, SMALL), deviation)
+
+    def last_variances(
+        self, likely: LikelyLevels, widening: Float[np.ndarray, "n n"]
+    ) -> Float[np.ndarray, "3 n"]:
+        """Of the last of the first epochs' states: diagonals of P, of A, and of F B B' F'."""
+        last = self.factors[-1]
+        explained = self.covariance(likely.levels, slice(-1, None))[0]
+        return np.array([(last**2).sum(axis=1), np.diag(explained), ((last @ widening) ** 2).sum(axis=1)])
 
     def _log_size(self, likely: LikelyLevels) -> float:
         """ln of the trace of A in the stated factors, over some epochs."""
@@ -196,6 +215,10 @@ class CorrelatedErrors:
         Of the variance of the state component that they touch most, mean over epochs, were they there.
     widening : (k, n, n) float array
         What covariance factors F of the first epochs' states are multiplied by to hold with these errors too.
+    last_variances : (3, n) float array
+        Of the last of these states: with white errors, with these, and as widened.
+    rise : float
+        Deviation of the logarithm of the second by what is not known of the levels.
     """
 
     white: dict[str, float]
@@ -206,6 +229,8 @@ class CorrelatedErrors:
     advantage: float
     inflation: float
     widening: Float[np.ndarray, "k n n"]
+    last_variances: Float[np.ndarray, "3 n"]
+    rise: float
 
     @property
     def expected_nees(self) -> float:
@@ -325,6 +350,7 @@ def _describe_levels(errors: ExplainedErrors, explained: ExplainedLevels) -> Cor
     half = np.exp(best.levels / 2)
     values = np.array([component.value for component in model.components])
     densities = model.values(np.concatenate([np.zeros(count), best.levels[2 * count : -1]]))[count:]
+    widening = errors.widening(best, explained.information, explained.probability)
     return CorrelatedErrors(
         dict(zip(names, (values * half[:count]).tolist(), strict=True)),
         dict(zip(names, (values * half[count : 2 * count]).tolist(), strict=True)),
@@ -333,7 +359,9 @@ def _describe_levels(errors: ExplainedErrors, explained: ExplainedLevels) -> Cor
         explained.probability,
         2 * (best.log_likelihood - explained.white.log_likelihood),
         errors.inflation(best.levels),
-        errors.widening(best, explained.information, explained.probability),
+        widening,
+        errors.last_variances(best, widening[-1]),
+        errors.steepest(best, explained.information).rise,
     )
 
 

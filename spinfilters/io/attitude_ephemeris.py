@@ -1,0 +1,164 @@
+"""Attitude ephemerides of spacecraft: STK's .a, and the AEM of CCSDS as text (KVN)."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from spinfilters.core.errors import InputError
+from spinfilters.io.calendar_clock import seconds_of_clock
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_reader import StatedReader
+from spinfilters.io.input_file import (
+    MAX_TABLE_BYTES,
+    parse_number,
+    path_text,
+    read_bytes,
+    value_text,
+)
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.io.motion_file import motion_dataset
+from spinfilters.io.motion_table import MotionTable
+from spinfilters.io.sensor_tables import require_clock
+from spinfilters.io.text_table import Table, TableLayout
+
+_SUFFIXES: Final = (".a", ".aem")
+_POSITIONS: Final = (".e", ".oem")
+"""Ephemerides of positions, which hold no attitude."""
+_STK_FORMATS: Final = {
+    "attitudetimequaternions": (1, 2, 3, 4),
+    "attitudetimequatscalarfirst": (2, 3, 4, 1),
+    "attitudetimequatangvels": (1, 2, 3, 4),
+}
+"""Places of x, y, z and w behind the time, by the keyword above the rows."""
+_BODY = re.compile(r"SC_BODY|SPACECRAFT|BODY|INSTRUMENT|SENSOR|BUS", re.IGNORECASE)
+"""Frames of CCSDS that are fixed in the spacecraft."""
+_KEY = re.compile(r"\s*([A-Za-z_]+)\s*=\s*(.*?)\s*(?:\[.*\]\s*)?")
+
+
+class AttitudeEphemerisReader(StatedReader):
+    """Attitudes q_ib of an ephemeris.
+
+    Both formats write the quaternion of the transformation from the inertial to the body frame, A(q) of Wertz (1978, Eq. 12-13),
+    whose components are those of our q_ib, from body to inertial.
+    """
+
+    name, order = "attitude-ephemeris", 47
+    words = "an attitude ephemeris (.a, .aem)"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a file is named as one, or as one of positions."""
+        return path.suffix.lower() in (*_SUFFIXES, *_POSITIONS) and not path.is_dir()
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Attitudes of all rows."""
+        self.options.require_only((), "an attitude ephemeris")
+        if path.suffix.lower() in _POSITIONS:
+            raise InputError(
+                f"{path_text(path)}: an ephemeris of positions holds no attitude; give that of attitudes (.a, .aem)"
+            )
+        lines = read_bytes(path, MAX_TABLE_BYTES).decode("utf-8", "replace").splitlines()
+        is_ccsds = any(line.lstrip().startswith("CCSDS_AEM_VERS") for line in lines[:20])
+        rows = _ccsds_rows(path, lines) if is_ccsds else _stk_rows(path, lines)
+        names = ("time_s", "qx", "qy", "qz", "qw")
+        numbers = np.array([row.numbers for row in rows], dtype=np.float64).reshape(-1, 5)
+        table = Table(path, TableLayout(names), names, numbers, [row.line for row in rows])
+        if not rows:
+            raise InputError(f"{path_text(path)}: has no rows of attitudes; export it again")
+        require_clock(table)
+        with table.naming_lines():
+            stream = MeasurementStream("attitude", numbers[:, 0], numbers[:, 1:])
+        return motion_dataset(path, path.name, MotionTable(stream, None, ()))
+
+
+class _Attitude(NamedTuple):
+    """Line of a row, from 1; its time, s, and q_ib."""
+
+    line: int
+    numbers: tuple[float, ...]
+
+
+def _numbers(path: Path, line: int, cells: Sequence[str], count: int) -> list[float]:
+    """Finite numbers of at least so many cells. InputError: fewer, or other cells."""
+    try:
+        numbers = [parse_number(cell) for cell in cells]
+    except ValueError:
+        numbers = []
+    if len(numbers) < count or not np.isfinite(numbers).all():
+        raise InputError(
+            f"{path_text(path)}: line {line}: {value_text(' '.join(cells))} are not {count} numbers; correct or delete the line"
+        )
+    return numbers
+
+
+def _stk_rows(path: Path, lines: Sequence[str]) -> list[_Attitude]:
+    """Rows of STK: seconds from the scenario's epoch and a quaternion. InputError: attitudes of another kind."""
+    order, rows, kind = None, [], "none"
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        keyword = words[0].lower()
+        if keyword.startswith("attitudetime"):
+            order, kind = _STK_FORMATS.get(keyword), words[0]
+        elif keyword == "end":
+            break
+        elif order is not None:
+            found = _numbers(path, number, words, 5)
+            rows.append(_Attitude(number, (found[0], *(found[place] for place in order))))
+    if order is None:
+        raise InputError(
+            f"{path_text(path)}: its attitudes are {value_text(kind)}; export them as AttitudeTimeQuaternions"
+        )
+    return rows
+
+
+def _ccsds_rows(path: Path, lines: Sequence[str]) -> list[_Attitude]:
+    """Rows of CCSDS: a date and a quaternion, with its frames and order in the lines above. InputError: another kind."""
+    stated: dict[str, str] = {}
+    rows: list[_Attitude] = []
+    is_data = False
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if matched := _KEY.fullmatch(line):
+            stated[matched[1].upper()] = matched[2].upper()
+        elif words[:1] == ["DATA_START"]:
+            is_data = True
+        elif words[:1] == ["DATA_STOP"]:
+            is_data = False
+        elif is_data and words and words[0] != "COMMENT":
+            rows.append(_Attitude(number, _ccsds_row(path, number, words, stated)))
+    return rows
+
+
+def _ccsds_row(path: Path, line: int, words: Sequence[str], stated: dict[str, str]) -> tuple[float, ...]:
+    if not stated.get("ATTITUDE_TYPE", "").startswith("QUATERNION"):
+        kind = stated.get("ATTITUDE_TYPE", "none")
+        raise InputError(
+            f"{path_text(path)}: ATTITUDE_TYPE is {value_text(kind)}; export attitudes as QUATERNION"
+        )
+    time = seconds_of_clock(words[0])
+    if time is None:
+        raise InputError(
+            f"{path_text(path)}: line {line}: {value_text(words[0])} is no date; correct the line"
+        )
+    q = _numbers(path, line, words[1:], 4)[:4]
+    if stated.get("QUATERNION_TYPE", "LAST") == "FIRST":
+        q = [*q[1:], q[0]]
+    return (time, *(q if _is_to_body(path, stated) else [-q[0], -q[1], -q[2], q[3]]))
+
+
+def _is_to_body(path: Path, stated: dict[str, str]) -> bool:
+    """Whether the quaternion transforms to the body's frame. InputError: the frames do not show which is the body's."""
+    frames = [stated.get("REF_FRAME_A", ""), stated.get("REF_FRAME_B", "")]
+    if stated.get("ATTITUDE_DIR") == "B2A":
+        frames.reverse()
+    bodies = [_BODY.search(frame) is not None for frame in frames]
+    if bodies.count(True) != 1:
+        raise InputError(
+            f"{path_text(path)}: which of the frames {value_text(frames[0])} and {value_text(frames[1])} is fixed in the body is "
+            "not known; name it SC_BODY_1 in REF_FRAME_A or REF_FRAME_B"
+        )
+    return bodies[1]
