@@ -188,7 +188,8 @@ def compare_estimators(
     baselines = frozenset(name for name, entry in entries.items() if entry.is_baseline)
     if not interrupted:
         evaluations = _with_sampled_moments(evaluations, setup, settings, entries)
-    doubts = doubts_of(evaluations, setup, settings, baselines)
+    untested = frozenset(name for name, entry in entries.items() if not entry.tests_noise)
+    doubts = doubts_of(evaluations, setup, settings, baselines, untested)
     with_verdict = with_posterior_distances(with_verdicts(doubts, settings, entries))
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
