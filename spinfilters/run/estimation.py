@@ -221,11 +221,17 @@ def _fitting_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
     """Entries of all estimators. InputError: a chosen estimator cannot hold landmarks, and the data set has some."""
     entries = estimator_entries()
     without = [name for name in settings.estimators if not entries[name].holds_landmarks]
-    if without and setup.initial.has_landmarks:
+    if without and setup.maps_landmarks:
         holding = [name for name, entry in entries.items() if entry.holds_landmarks]
         raise InputError(
             f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv, for the bundled example "
             f"--known-map), or choose among {', '.join(holding)}"
+        )
+    smoothed = [name for name in settings.estimators if not entries[name].continues]
+    if smoothed and setup.is_given and setup.maps_landmarks:
+        raise InputError(
+            f"{', '.join(smoothed)}: begins with smoothed first epochs where landmarks are not known, not from a belief; leave it "
+            "out, as with --estimators mekf,ukf, or give the tracks' map (landmarks.csv)"
         )
     return entries
 

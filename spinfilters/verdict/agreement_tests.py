@@ -201,7 +201,7 @@ def reference_smoother(
         return finished
     vague = setup.initial.departure > LARGEST_DEPARTURE or not moments_std_of(setup.initial) <= DETERMINED_STD
     vague |= setup.is_given and is_bent(setup.initial.belief)
-    if histories or not vague or setup.initial.has_landmarks:
+    if histories or not vague or setup.maps_landmarks:
         return None
     try:
         made = smooth_at_once(setup, settings, lambda *_: None)

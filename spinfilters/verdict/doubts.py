@@ -123,7 +123,7 @@ class Doubts:
     @cached_property
     def _of_landmarks(self) -> list[Finding]:
         """Noise findings of the first filter that agrees with a landmark smoother, for both have the same noise."""
-        if not self.setup.initial.has_landmarks:
+        if not self.setup.maps_landmarks:
             return []
         for each in self.evaluations:
             if each.name != SMOOTHER and not self._agreement_of(each):

@@ -225,7 +225,7 @@ def tested_history(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateH
 
 def tested_epochs(setup: Setup) -> int:
     """Number of first epochs in which models are tested, at most."""
-    return MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
+    return MOST_EPOCHS_WITH_MAP if setup.maps_landmarks else MOST_EPOCHS
 
 
 def stated_levels(setup: Setup) -> frozenset[str]:
@@ -237,7 +237,7 @@ def stated_levels(setup: Setup) -> frozenset[str]:
 def linear_problem(setup: Setup, epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
     """The smoothing problem of some epochs, the first among them, with landmarks of these ids (default all)."""
     if ids is None:
-        ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
+        ids = np.unique(seen_ids(epochs)) if setup.maps_landmarks else np.zeros(0, dtype=int)
     return problem_of(setup.process, epochs, ids, setup.initial.prior, OBSERVATIONS_NEEDED)
 
 
