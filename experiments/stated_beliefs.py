@@ -19,6 +19,7 @@ from scipy.stats import chi2
 from experiments.command_line import rows_of_seeds, run_study
 from spinfilters.inference.setup import maps_landmarks
 from spinfilters.run.comparison_run import compare_dataset
+from spinfilters.run.given_belief import POSE_WORDS
 from spinfilters.settings.run_settings import InitialisationOptions, Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 
@@ -43,7 +44,7 @@ def rows_of(seed: int, sensor: str, frames: int) -> Iterator[dict[str, Any]]:
     dataset = without_map(simulate(Scenario(kind=sensor, seed=seed, epochs=frames, rate_rpm=RATE_RPM)))
     std, estimators = dict(STD), ESTIMATORS
     if maps_landmarks(dataset):  # the first pose defines g, and smoothers begin otherwise
-        std = {name: value for name, value in STD.items() if name not in ("position", "attitude")}
+        std = {name: value for name, value in STD.items() if name not in POSE_WORDS}
         estimators = ("mekf", "ukf")
     belief = InitialisationOptions(from_truth=True, draw=seed, std=std)
     settings = Settings(estimators=estimators, verdict="filter", initialisation=belief)

@@ -174,7 +174,7 @@ def _case(setup: Setup, settings: Settings, states: Float[np.ndarray, "k m"]) ->
     return Case(
         sensors=names,
         landmarks=RANKED_LANDMARKS,
-        known_map=bool(seeing) and not setup.maps_landmarks,
+        known_map=bool(seeing) and not setup.initial.has_landmarks,
         chart="filter" if bias else "principal",
         motion=_motion(states[:, layout.mean_slice("w")], states[-1, layout.mean_slice("s")]),
         levels=Levels(

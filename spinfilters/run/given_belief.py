@@ -23,6 +23,10 @@ OTHER_STD = 1e-3
 """Deviation of a drawn block for which none is stated or usual."""
 
 
+POSE_WORDS = tuple(word for word, name in WORDS.items() if name in POSE_BLOCKS)
+"""Words of the blocks of a pose in the settings."""
+
+
 def given_belief(dataset: Dataset, options: InitialisationOptions) -> GivenInitialisation | None:
     """The belief that the settings state for the first epoch of a data set; None where they state none.
 
@@ -63,17 +67,14 @@ def _defining_g(options: InitialisationOptions) -> InitialisationOptions:
 
     InputError: an error of that pose is stated.
     """
-    stated = [word for word in _POSE_WORDS if word in options.std]
+    stated = [word for word in POSE_WORDS if word in options.std]
     if stated or options.covariance:
         name = f"std states {stated[0]}" if stated else "covariance states the errors of the pose"
         raise InputError(
             f"initialisation.{name}, which has none where landmarks are not known: the first pose defines frame g; leave it out "
             "(give the others in initialisation.std), or give the landmarks' map (landmarks.csv, --known-map)"
         )
-    return replace(options, std={**options.std, **dict.fromkeys(_POSE_WORDS, GAUGE_STD)})
-
-
-_POSE_WORDS = tuple(word for word, name in WORDS.items() if name in POSE_BLOCKS)
+    return replace(options, std={**options.std, **dict.fromkeys(POSE_WORDS, GAUGE_STD)})
 
 
 def stated_start(layout: StateLayout, options: InitialisationOptions) -> InitialEstimate:

@@ -149,9 +149,9 @@ class CalibrationErrors:
         epochs, first = self.setup.timeline[: len(history.time)], len(self.setup.initial.mean)
         if entry.continues:
             return self._of_filter(entry, epochs, history.mean[history.initialisation :])
-        if not self.setup.maps_landmarks and len(epochs) > STRETCH:
+        if not self.setup.initial.has_landmarks and len(epochs) > STRETCH:
             return self._of_long_smoother(epochs, history.mean)
-        if not self.setup.maps_landmarks or len(epochs) <= MOST_EPOCHS_WITH_MAP:
+        if not self.setup.initial.has_landmarks or len(epochs) <= MOST_EPOCHS_WITH_MAP:
             found = self._sensitivity(epochs, history.mean)
             return None if found is None else found.states
         ekf, initial = self.ekf, self.setup.initial
@@ -423,7 +423,7 @@ def possible_clock_drift(
     if clock is None or clock.std == 0:
         return None
     if len(best.time) > tested_epochs(setup):
-        if setup.maps_landmarks or len(best.time) > MOST_DRIFTING:
+        if setup.initial.has_landmarks or len(best.time) > MOST_DRIFTING:
             return None
         tested = tested_about(setup, best.mean, [CLOCK_DRIFT], lambda _: ())
     if tested.solved is None:

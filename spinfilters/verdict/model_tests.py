@@ -10,12 +10,12 @@ from jaxtyping import Float, Int
 from spinfilters.core.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.filters.noise_levels import DISTURBANCES
 from spinfilters.filters.timeline import Timeline, times_of
 from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.noise_choice import STATED
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup
+from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.sensor_registry import sensor_of
@@ -225,19 +225,19 @@ def tested_history(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateH
 
 def tested_epochs(setup: Setup) -> int:
     """Number of first epochs in which models are tested, at most."""
-    return MOST_EPOCHS_WITH_MAP if setup.maps_landmarks else MOST_EPOCHS
+    return MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
 
 
 def stated_levels(setup: Setup) -> frozenset[str]:
     """Names of the noise levels that are not identified."""
     options = {option.name for name in setup.log.sensors for option in sensor_format(name).noise}
-    return frozenset((options | set(DISTURBANCES)) - setup.unstated | setup.inflation.keys())
+    return frozenset((options | set(DENSITIES)) - setup.unstated | setup.inflation.keys())
 
 
 def linear_problem(setup: Setup, epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
     """The smoothing problem of some epochs, the first among them, with landmarks of these ids (default all)."""
     if ids is None:
-        ids = np.unique(seen_ids(epochs)) if setup.maps_landmarks else np.zeros(0, dtype=int)
+        ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
     return problem_of(setup.process, epochs, ids, setup.initial.prior, OBSERVATIONS_NEEDED)
 
 

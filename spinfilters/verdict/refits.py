@@ -182,7 +182,7 @@ def _problem_with_flywheel(setup: Setup, count: int) -> Problem:
     """The smoothing problem of so many epochs with a flywheel's momentum in the state."""
     layout = setup.process.layout.joined(ROTOR)
     epochs = build_timeline(setup.log, layout, setup.noise, camera_view(setup.dataset))[:count]
-    ids = np.unique(seen_ids(epochs)) if setup.maps_landmarks else np.zeros(0, dtype=int)
+    ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
     own, prior = setup.process.layout, setup.initial.prior
     std = np.full(layout.error_dim, ROTOR.prior_std)
     for block in own.members:

@@ -165,6 +165,12 @@ def test_what_unknown_landmarks_do_not_allow_of_a_belief_is_refused(
         spinfilters.compare(tracks, estimators, belief={"mean": mean, "std": {"rate": 0.1}, **belief})
 
 
+def test_a_belief_without_a_map_is_refused_where_the_verdict_could_say_ok() -> None:
+    tracks = spinfilters.simulate("stereo-tracks", frames=6)
+    with pytest.raises(InputError, match=r"over-confident.*use --verdict filter"):
+        spinfilters.compare(tracks, "mekf", from_truth=1)
+
+
 def test_a_belief_about_the_truth_needs_one() -> None:
     gyro = spinfilters.simulate("gyro", frames=12)
     rows = gyro.log.streams[0]
