@@ -11,7 +11,7 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, no
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.filters.history import EstimateHistory, finished_history
 from spinfilters.inference.estimator_entry import AnyEntry
-from spinfilters.inference.first_epochs import DETERMINED_STD, moments_std_of
+from spinfilters.inference.first_epochs import DETERMINED_STD
 from spinfilters.inference.identified_noise import LARGEST_ERROR
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import NAME as SMOOTHER
@@ -65,7 +65,7 @@ def filter_diagnostics(setup: Setup) -> list[Finding]:
     """Findings that concern filters alone: a smoother revises its first epochs."""
     if setup.initial.has_failed:
         return []
-    std, count = moments_std_of(setup.initial), len(setup.initial.mean)
+    std, count = setup.initial.moments_std, len(setup.initial.mean)
     if not std <= DETERMINED_STD:
         return [finding("vague-initialisation", {"epochs": count, "std": std})]
     return []
