@@ -3,10 +3,11 @@
     python -m experiments.reference_posterior [--seeds 5] [--first 0] [--steps 4000] [--sensors gyro,pose] [--samples 800]
 
 The estimator `posterior` integrates the motion out by Laplace's method. The reference does not: each of its steps draws a mass
-distribution and all states of the motion (605 to 1208 numbers), and weights them by their exact density. Its mass distributions
-come from a surrogate, a Gaussian process through the logarithm of Laplace's density at so many pilot samples. So the weights are
-nearly equal; an independence sampler (Metropolis, Hastings) with these proposals would accept the share that is printed. The
-surrogate also is a control variate: its own quantiles are known from many cheap draws, and the steps only measure what is added,
+distribution, and for it all states of the motion (605 to 1208 numbers) eight times, weighted by their exact density. Its mass
+distributions come from a surrogate, a Gaussian process through the logarithm of Laplace's density at so many pilot samples. So the
+weights are nearly equal; an independence sampler (Metropolis, Hastings) with these proposals would accept the share that is
+printed. The surrogate also is a control variate: its own quantiles are known from many cheap draws, and the steps only measure
+what is added,
 
     F(x) = F_surrogate(x) + sum over steps i of (w_i - 1 / n) 1(m_i < x).
 
@@ -50,13 +51,15 @@ from spinfilters.smoother.problem import Problem, Stage
 CHAIN_SEED: Final = 99
 PILOTS: Final = 1500
 """Samples of Laplace's density that the surrogate goes through."""
-DRAWS: Final = 60_000
+DRAWS: Final = 40_000
 """Of the surrogate, for each half of the reference."""
+MOTIONS: Final = 8
+"""Draws of the motion for each mass distribution: the weights' scatter by the draw falls with their root."""
 STRICT: Final = Stage(LeastSquares())
 
 
 class ExactSampler(MassSampler):
-    """A sampler whose density is that of a mass distribution together with one draw of the motion, without Laplace's method."""
+    """A sampler whose density is that of a mass distribution by some draws of the motion, without Laplace's method."""
 
     def __init__(self, problem: Problem, seed: int) -> None:
         super().__init__(problem)
@@ -68,20 +71,23 @@ class ExactSampler(MassSampler):
         iterations: int,
         points: Float[np.ndarray, "L 3"] | None = None,
     ) -> ConditionalMotion | None:
-        """The motion given a mass distribution, with the exact density of a draw over that of its proposal."""
+        """The motion given a mass distribution, with the mean over draws of the exact density over that of their proposal."""
         found = super().conditional(trajectory, iterations, points)
         if found is None:
             return None
         mean, std = self._prior.mean.copy(), self._prior_std.copy()
         mean[self._at], std[self._s] = trajectory[0, self._at], FIXED_STD
         problem = replace(self.problem, motion=replace(self.problem.motion, prior=FirstStatePrior(mean, std)))
-        errors, square = motion_draw(found.solution, self.generator)
-        drawn = integrated_draw(problem, found.trajectory, errors + found.solution.errors)
-        cost = problem.at(drawn, NO_POINTS).cost(None, STRICT)
         least = (
             problem.at(found.trajectory, NO_POINTS).cost(None, STRICT) - found.solution.predicted_reduction
         )
-        correction = -0.5 * (cost - least - square)
+        logs = []
+        for _ in range(MOTIONS):
+            errors, square = motion_draw(found.solution, self.generator)
+            drawn = integrated_draw(problem, found.trajectory, errors + found.solution.errors)
+            cost = problem.at(drawn, NO_POINTS).cost(None, STRICT)
+            logs.append(-0.5 * (cost - least - square))
+        correction = float(np.logaddexp.reduce(logs)) - np.log(MOTIONS)
         self.corrections.append(correction)
         return replace(found, log_density=found.log_density + correction)
 

@@ -92,9 +92,10 @@ def posterior_quantities(posterior: StateMixture, reference: EstimateHistory) ->
     motion = trajectory_of(replace(last, mean=posterior.means, factor=posterior.factors))
     about = reference.mean[-1, layout.mean_slice("a")]
     turns = rotation_vector_from_quaternion(multiply(inverse(about)[np.newaxis], motion.q_ig))
-    moments, axes = _bodies(
-        posterior.means[:, layout.mean_slice("s")], reference.mean[-1, layout.mean_slice("s")]
-    )
+    points, point_weights = posterior.mass_points, posterior.mass_weights
+    if points is None or point_weights is None:
+        points, point_weights = posterior.means[:, layout.mean_slice("s")], weights
+    moments, axes = _bodies(points, reference.mean[-1, layout.mean_slice("s")])
     logs = np.log(moments[:, [2, 1]] / moments[:, [1, 0]])
     shapes = np.concatenate([moments[:, :2], logs], axis=1)
     found = {
@@ -110,7 +111,10 @@ def posterior_quantities(posterior: StateMixture, reference: EstimateHistory) ->
         centre = posterior.means[:, layout.mean_slice(CENTRE_OF_MASS.name)]
         std = np.linalg.norm(posterior.factors[:, layout.slice(CENTRE_OF_MASS.name)], axis=2)
         found[CENTRE] = centre, std
-    return {name: QuantityMixture(values, std, weights) for name, (values, std) in found.items()}
+    return {
+        name: QuantityMixture(values, std, point_weights if name in (MOMENTS, AXES) else weights)
+        for name, (values, std) in found.items()
+    }
 
 
 def posterior_distances(evaluation: Evaluation, posterior: StateMixture) -> dict[str, PosteriorDistance]:

@@ -21,7 +21,8 @@ from spinfilters.io.motion_table import MotionTable, read_motion_table, rotation
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
 from spinfilters.io.sensor_tables import LATEST_SECONDS, TUM_COLUMNS, read_tum
 from spinfilters.io.stated_values import ReadingOptions, to_state
-from spinfilters.io.text_table import PREAMBLE_LINES, read_blank_separated
+from spinfilters.io.table_layout import PREAMBLE_LINES
+from spinfilters.io.text_table import read_blank_separated
 from spinfilters.io.truth import TRUTH_TABLE
 
 _SUFFIXES = (".csv", ".tsv")

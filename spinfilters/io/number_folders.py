@@ -17,7 +17,8 @@ from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import MotionTable
 from spinfilters.io.sensor_tables import require_clock
 from spinfilters.io.stated_values import RATE
-from spinfilters.io.text_table import Table, TableLayout, read_blank_separated
+from spinfilters.io.table_layout import TableLayout
+from spinfilters.io.text_table import Table, read_blank_separated
 
 _KITTI_RATES: Final = slice(17, 20)
 """Of the numbers of a KITTI file: about the forward, left and up axes of the unit, rad/s; 11 to 13 are the accelerations."""

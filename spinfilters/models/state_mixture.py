@@ -31,6 +31,9 @@ class StateMixture:
         Pareto k of the importance weights that proposed them (`spinfilters.core.importance_weights`).
     method : str
         "importance" or "mcmc".
+    mass_points, mass_weights : ndarray of float, shapes (p, 5) and (p,), or None
+        More mass distributions of the same posterior than there are components, for quantities of the body alone, and their
+        weights; None where those of the components serve.
     """
 
     layout: StateLayout
@@ -39,6 +42,8 @@ class StateMixture:
     weights: Float[np.ndarray, " n"]
     shape: float
     method: str
+    mass_points: Float[np.ndarray, "p 5"] | None = None
+    mass_weights: Float[np.ndarray, " p"] | None = None
 
 
 def mixture_probability(

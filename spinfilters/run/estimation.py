@@ -10,7 +10,7 @@ pages. This package, `run`, calls them for one recording and writes its folder. 
 Where one more of a kind belongs (a sensor, an estimator, a metric) is one table in docs/reference/packages.md.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -80,6 +80,14 @@ class Comparison:
         return conditions_of(self.setup)
 
 
+OnEstimate = Callable[[Setup, Sequence[Evaluation], Mapping[str, np.ndarray]], None]
+"""Called with the setup, the evaluations so far, whose verdicts are still to come, and their maps."""
+
+
+def not_watched(_setup: Setup, _evaluations: Sequence[Evaluation], _maps: Mapping[str, np.ndarray]) -> None:
+    """Nothing behind an estimator."""
+
+
 @dataclass(frozen=True)
 class ComparisonExtent:
     """Optional work of a comparison besides estimation and verdict.
@@ -88,12 +96,16 @@ class ComparisonExtent:
     ----------
     bounding : Bounding
         Adds the bounds to the errors.
-    rehearsing : Rehearsing
-        Runs a second copy of an estimator first, so that compiled code is ready before its run time is measured.
+    rehearsing : Rehearsing or None
+        Runs a second copy of an estimator first, so that compiled code is ready before its run time is measured; None where nobody
+        looks at run times, and no copy is made.
+    on_estimate : OnEstimate
+        Called behind every estimator, before the verdicts.
     """
 
     bounding: Bounding = with_bounds
-    rehearsing: Rehearsing = rehearse
+    rehearsing: Rehearsing | None = rehearse
+    on_estimate: OnEstimate = not_watched
 
 
 @dataclass(frozen=True)
@@ -102,7 +114,7 @@ class _RunObservers:
 
     progress: Progress
     store_of: StoreOf
-    rehearsing: Rehearsing
+    rehearsing: Rehearsing | None
 
 
 def build_estimator(name: str, setup: Setup, settings: Settings) -> Estimator:
@@ -168,6 +180,7 @@ def compare_estimators(
                 maps[name] = points[np.isfinite(points).all(axis=1)]
             if interrupted:
                 break
+            extent.on_estimate(setup, evaluations, maps)
     except KeyboardInterrupt:
         if not evaluations:
             raise
@@ -175,7 +188,8 @@ def compare_estimators(
     baselines = frozenset(name for name, entry in entries.items() if entry.is_baseline)
     if not interrupted:
         evaluations = _with_sampled_moments(evaluations, setup, settings, entries)
-    doubts = doubts_of(evaluations, setup, settings, baselines)
+    untested = frozenset(name for name, entry in entries.items() if not entry.tests_noise)
+    doubts = doubts_of(evaluations, setup, settings, baselines, untested)
     with_verdict = with_posterior_distances(with_verdicts(doubts, settings, entries))
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
@@ -254,8 +268,11 @@ def _run_estimator(
             on_epoch = lambda done, every: observers.progress(entry.name, done, every)  # noqa: E731
             return batch.smooth(setup.timeline, setup.initial, on_epoch), setup.map_points
         what = f"estimator {entry.name!r}"
-        estimator, twin = (require_made(entry.build(setup, settings), Estimator, what) for _ in range(2))
-        filtered, record = _run_epochs(entry, estimator, twin, setup, observers)
+        copies = 1 if observers.rehearsing is None else 2
+        estimator, *twins = (
+            require_made(entry.build(setup, settings), Estimator, what) for _ in range(copies)
+        )
+        filtered, record = _run_epochs(entry, estimator, twins, setup, observers)
         history = _final_history(entry, estimator, filtered, record, setup)
         history = replace(history, noise=entry.noise(estimator, history, setup))
         return history, entry.points(estimator, history, setup)
@@ -269,7 +286,7 @@ def _run_estimator(
 def _run_epochs(
     entry: AnyEntry,
     estimator: Estimator,
-    twin: Estimator,
+    twins: Sequence[Estimator],
     setup: Setup,
     observers: _RunObservers,
 ) -> tuple[EstimateHistory, GrowingHistory]:
@@ -277,8 +294,8 @@ def _run_epochs(
 
     Parameters
     ----------
-    twin : Estimator
-        A copy that runs first, so that compiled code is ready before the run time of ``estimator`` is measured.
+    twins : sequence of Estimator
+        A copy that runs first, so that compiled code is ready before the run time of ``estimator`` is measured, or none.
 
     Returns
     -------
@@ -302,9 +319,10 @@ def _run_epochs(
     observers.progress(name, len(record), len(rest))
     if checkpoint is not None and checkpoint.status is not None:
         return record.ended(name, checkpoint.status), record
-    if len(record) < len(rest):
-        begin_with_first_epoch(entry, twin, setup)
-        observers.rehearsing(twin, setup.end_of_initialisation, rest)
+    if len(record) < len(rest) and observers.rehearsing is not None:
+        for twin in twins:
+            begin_with_first_epoch(entry, twin, setup)
+            observers.rehearsing(twin, setup.end_of_initialisation, rest)
     with store.running(estimator, record) as save_checkpoint:
 
         def on_epoch(_: int) -> None:

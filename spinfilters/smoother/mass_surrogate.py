@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
 from spinfilters.smoother.mass_posterior import (
@@ -156,18 +156,6 @@ class MassFrame:
             terms.append(np.log(part) - np.linalg.slogdet(root)[1] + tail - log_volumes(d))
         return np.logaddexp.reduce(np.array(terms), axis=0)
 
-    def regression(self, points: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n e 5"]:
-        """Change of the last epoch's errors by those of the mass distribution, about the nearest node of each point."""
-        far = [
-            np.square(np.linalg.solve(root, self.errors(points, node.trajectory[0]).T)).sum(axis=0)
-            for root, node in zip(self.roots, self.nodes, strict=True)
-        ]
-        slopes = []
-        for node in self.nodes:
-            last = node.factors[-1]
-            slopes.append(np.linalg.solve(node.covariance, last[self.s] @ last.T).T)
-        return np.array(slopes)[np.argmin(far, axis=0)]
-
     def begun(self, points: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "k m"]:
         """The motion that the nearest node's regression gives a mass distribution."""
         away = [self.errors(points[np.newaxis], node.trajectory[0])[0] for node in self.nodes]
@@ -214,18 +202,6 @@ class SurrogatePosterior:
     def log_density(self, points: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, " n"]:
         """Logarithm of the density of d at mass distributions."""
         return self.density(self.frame.errors(points, self.frame.origin))
-
-    def nearest(
-        self, samples: Float[np.ndarray, "m 5"], points: Float[np.ndarray, "n 5"]
-    ) -> Int[np.ndarray, " n"]:
-        """Number of the sample that is nearest to each point, in deviations of the posterior."""
-        from scipy.spatial import KDTree  # here alone: takes long to import
-
-        return np.asarray(KDTree(self._whitened(samples)).query(self._whitened(points))[1])
-
-    def _whitened(self, points: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 5"]:
-        d = self.frame.errors(points, self.frame.origin)
-        return np.linalg.solve(self.density.root, d.T).T
 
     def draws(self, count: int, seed: int) -> tuple[Float[np.ndarray, "n 5"], Float[np.ndarray, " n"]]:
         """Mass distributions, evenly spread over the mixture, and their weights."""

@@ -37,9 +37,7 @@ from spinfilters.smoother.mass_surrogate import SurrogatePosterior
 from spinfilters.smoother.problem import Problem
 
 DRAWS = 12_000
-"""Of the surrogate, for the mixture of the last epoch."""
-FAINTEST = 1e-9
-"""Weight of a draw that is left out."""
+"""Of the surrogate, for quantities of the body."""
 COVARIANCES = 24
 """Samples over which the covariance of the motion given the mass distribution is averaged."""
 
@@ -136,28 +134,13 @@ def sample_posterior(
         "importance" if is_sampled else "mcmc",
     )
     if is_sampled:
-        last = _refined(last, SurrogatePosterior.through(sampler, nodes, found), found, options.seed)
+        points, weights_of_points = SurrogatePosterior.through(sampler, nodes, found).draws(
+            DRAWS, options.seed
+        )
+        last = replace(last, mass_points=points, mass_weights=weights_of_points)
     shape = sampler.gaussian_shape(nodes[0], TRIED, options.seed + 1)
     nees = sampler.gaussian_nees(nodes[0], found.points, weights)
     return Posterior(mean, factor, last, MassSamples(found.points, weights, shape, nees))
-
-
-def _refined(
-    last: StateMixture, surrogate: SurrogatePosterior, found: MassPosterior, seed: int
-) -> StateMixture:
-    """The mixture of the last epoch with many draws of a surrogate; the motion of each is its nearest sample's, by regression."""
-    frame, layout = surrogate.frame, last.layout
-    points, weights = surrogate.draws(DRAWS, seed)
-    kept = weights > FAINTEST
-    points, weights = points[kept], weights[kept] / weights[kept].sum()
-    nearest = surrogate.nearest(found.points, points)
-    means = last.means[nearest]
-    moved = means.copy()
-    moved[:, frame.at] = points
-    d = layout.local(means, moved)[:, frame.s]
-    steps = np.einsum("nij,nj->ni", frame.regression(found.points)[nearest], d)
-    steps[:, frame.s] = d
-    return replace(last, means=layout.retract(means, steps), factors=last.factors[nearest], weights=weights)
 
 
 def _walk_ensemble(

@@ -104,7 +104,7 @@ COMMANDS = (
     "observe --sensor stereo --further -o out",
     "observe ../in/model.toml -o out",
     "fuse ../in/run ../in/other -o out",
-    "fuse ../in/run ../in/other --same-axes --json -o out",
+    "fuse ../in/run ../in/other --json -o out",
     "calibration gyro --draws 4 -o out",
     "study motions --seeds 1 --workers 1 -o out",
     "study motions --seeds 1 --workers 2 -o out",

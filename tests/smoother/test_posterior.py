@@ -92,6 +92,9 @@ def test_the_posterior_takes_tracks_without_a_map() -> None:
     distances = found["smoother"].evaluation.distances
     assert distances is not None
     assert set(distances) >= {"attitude", "rate", "moments", "axes"}
+    own = found["posterior"].evaluation.distances
+    assert own is not None
+    assert own["attitude"].divergence < 0.1  # its Gaussian and its samples agree about the motion
 
 
 def test_even_points_fill_the_cube_evenly() -> None:
