@@ -251,8 +251,9 @@ def _fitting_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
         )
     if settings.verdict != FILTER:
         raise InputError(
-            "from a belief, filters that find the landmarks themselves are over-confident (by a third in the mean), and no smoother shows "
-            "it: use --verdict filter, whose estimates are degraded at best, give the tracks' map (landmarks.csv), or leave the belief out"
+            "from a belief, filters that find the landmarks themselves are over-confident (by a third in the mean), and no "
+            "smoother shows it: use --verdict filter, whose estimates are degraded at best, give the tracks' map "
+            "(landmarks.csv), or leave the belief out"
         )
     return entries
 
