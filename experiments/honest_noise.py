@@ -31,7 +31,8 @@ from spinfilters.campaigns.campaign_folder import read_folder
 from spinfilters.campaigns.row_columns import noise_levels
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.evaluation.metrics import MOTIONS
-from spinfilters.filters.noise_levels import DISTURBANCES, TOLD_LOG_STD
+from spinfilters.filters.noise_levels import TOLD_LOG_STD
+from spinfilters.io.disturbances import DENSITIES
 from spinfilters.models.state_blocks import RIGID_BODY
 from spinfilters.verdict.check import LARGEST_MOMENT_STD
 
@@ -139,7 +140,7 @@ def levels_right(rows: pd.DataFrame) -> Bool[np.ndarray, " n"]:
     found = []
     for name in noise_levels():
         true, value, log_std = (rows[f"{what}_{name}"].to_numpy() for what in ("true", "found", "log_std"))
-        half = 1.0 if name in DISTURBANCES else 0.5
+        half = 1.0 if name in DENSITIES else 0.5
         away = np.log(true / value) / half / log_std
         right = (away < FAR) & ((log_std >= TOLD_LOG_STD) | (away > -FAR))
         found.append(right[np.isfinite(away)])

@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from io import BytesIO
 
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -23,7 +22,9 @@ EMPTY_PICTURE = _one_pixel()
 @contextmanager
 def unrendered_pictures() -> Iterator[None]:
     """Write an empty PNG in a picture's place: rendering takes most of a small run's time, and has its tests."""
+    from spinfilters.plots import style  # behind the hook that checks its shapes
+
     with pytest.MonkeyPatch.context() as patch:
-        for owner, name in ((Figure, "savefig"), (FigureCanvasAgg, "print_png")):
+        for owner, name in ((Figure, "savefig"), (style, "_draw_png")):
             patch.setattr(owner, name, lambda _, target, **__: target.write(EMPTY_PICTURE))
         yield

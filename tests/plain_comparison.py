@@ -7,7 +7,7 @@ from spinfilters.run.estimation import Comparison, ComparisonExtent, compare_est
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 
-PLAIN = ComparisonExtent(bounding=without_bounds, rehearsing=lambda *_: None)
+PLAIN = ComparisonExtent(bounding=without_bounds, rehearsing=None)
 """Without the Cramer-Rao bound, and with nothing built before a clock runs."""
 
 

@@ -24,7 +24,8 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import called, checked_arguments, one_of, optional, path
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
-from spinfilters.io.text_table import read_csv, read_header
+from spinfilters.io.table_layout import read_header
+from spinfilters.io.text_table import read_csv
 from spinfilters.models.process import THESIS_NOISE
 from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.run.comparison_run import silent

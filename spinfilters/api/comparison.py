@@ -61,6 +61,7 @@ from spinfilters.run.comparison_run import (
 )
 from spinfilters.run.estimation import Comparison, Progress
 from spinfilters.run.mcap_file import write_mcap
+from spinfilters.run.readers import dataset_readers
 from spinfilters.run.reference_output import chosen_reference
 from spinfilters.run.rerun_file import write_rrd
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
@@ -71,15 +72,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# fmt: off
+SAVED_AS: Final = (".nc", ".mcap", ".rrd")
+"""Suffixes of files that a run is saved as."""
 REFERENCE_GIVEN: Final = "the path of poses, attitudes or rates, or a Dataset of them"
+# fmt: off
 OTHER_FORMATS: Final = frozenset((
-    ".csv", ".tsv", ".txt", ".tum", ".xlsx", ".json", ".jsonl", ".toml", ".yaml", ".yml", ".h5", ".hdf5", ".nc4", ".cdf", ".npz",
-    ".npy", ".mat", ".parquet", ".feather", ".arrow", ".pkl", ".pickle", ".bag", ".db3", ".ulg", ".a", ".aem", ".ply", ".zip",
-    ".html", ".pdf", ".svg", ".png", ".gif",
+    ".csv", ".tsv", ".txt", ".tum", ".xlsx", ".json", ".jsonl", ".toml", ".yaml", ".yml", ".h5", ".hdf5", ".nc4", ".cdf", ".npy",
+    ".feather", ".arrow", ".pkl", ".pickle", ".a", ".aem", ".ply", ".html", ".pdf", ".svg", ".png", ".gif",
 ))
 # fmt: on
-"""Suffixes of files that a run is not saved as; any other, as of ``run.2026``, belongs to the name of a folder."""
+"""Suffixes of files that a run is not saved as, besides those of the readers; any other, as of ``run.2026``, belongs to the name of
+a folder."""
+
+
+def _suffixes_of_readers() -> frozenset[str]:
+    return frozenset(suffix for reader in dataset_readers() for suffix in reader.suffixes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +326,7 @@ class Run(Mapping[str, EstimatorResult]):
             written; the run was read from a folder itself.
         """
         suffix = Path(folder).suffix.lower()
-        if suffix in OTHER_FORMATS:
+        if suffix not in SAVED_AS and (suffix in OTHER_FORMATS or suffix in _suffixes_of_readers()):
             raise InputError(
                 f"{path_text(Path(folder))}: a run is not saved as {suffix}; give a name that ends in .nc, .mcap or .rrd, or a "
                 "folder without a suffix"

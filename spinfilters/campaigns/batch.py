@@ -32,7 +32,6 @@ from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.filters.timeline import MOST_TOGETHER, rehearse, sensors_of, times_of
 from spinfilters.inference.estimator_entry import begin_with_first_epoch
 from spinfilters.inference.setup import Setup
-from spinfilters.io.truth import Truth
 from spinfilters.models.body import bodies_of
 from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.status import EstimatorStatus
@@ -167,7 +166,7 @@ class _Batch:
     def _beliefs(self, setup: Setup, simulated: SimulatedRuns) -> Float[np.ndarray, "r m"]:
         """Means of the first beliefs, as `drawn_start` draws them about each run's truth."""
         layout = setup.process.layout
-        true = true_states(_rows_of(simulated.truth, slice(None, None, simulated.epochs)), layout)
+        true = true_states(simulated.truth.chosen(slice(None, None, simulated.epochs)), layout)
         drawn = [np.random.default_rng(each.belief).standard_normal(layout.error_dim) for each in self._seeds]
         return layout.retract(true, np.stack([setup.initial.factor[0] @ each for each in drawn]))
 
@@ -197,17 +196,6 @@ def _epochs(setup: Setup, simulated: SimulatedRuns) -> EpochRun:
     return EpochRun(np.diff(times, prepend=times[0]), tuple(sensors))
 
 
-def _rows_of(truth: Truth, rows: slice) -> Truth:
-    """The truth at some of its stamps."""
-    return replace(
-        truth,
-        **{
-            name: getattr(truth, name)[rows]
-            for name in ("time", "center_of_mass", "q_ig", "velocity", "rate_i")
-        },
-    )
-
-
 def _evaluations(
     name: str,
     setup: Setup,
@@ -231,7 +219,7 @@ def _evaluations(
     truth = simulated.truth
     errors, nees = truth_errors(trajectory_of(every), truth), normalised_errors(every, truth)
     last = slice(simulated.epochs - 1, None, simulated.epochs)
-    true = true_states(_rows_of(truth, last), layout)[whole]
+    true = true_states(truth.chosen(last), layout)[whole]
     last_errors = layout.local(arrays["mean"][:, -1], true)
     bodies = bodies_of(layout, times[-1:].repeat(len(whole)), arrays["mean"][:, -1], arrays["factor"][:, -1])
     found = []

@@ -6,7 +6,7 @@ Motion, body, sensor and noise are groups of the fields of a `Scenario`: keys, d
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from inspect import get_annotations
+from inspect import get_annotations, getdoc
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, TypeVar, get_args, get_origin
 
 import numpy as np
@@ -17,11 +17,12 @@ from spinfilters.evaluation.consistency import true_states
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.setup import Setup, knows_frames
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.disturbances import DENSITIES, DISTURBANCES
 from spinfilters.io.input_file import value_text
 from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.feature_tracks import EveryAppearance, SomeAppearances
-from spinfilters.models.process import THESIS_NOISE, ProcessNoise
+from spinfilters.models.process import ProcessNoise
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.run.given_belief import OTHER_STD, drawn_start
 from spinfilters.run.preparation import prepare
@@ -98,6 +99,17 @@ def scenario_factor(table: str) -> Callable[[type[F]], type[F]]:
     return decorate
 
 
+def with_densities(factor: type[F]) -> type[F]:
+    """Decorator: a factor, with the densities of the disturbances before its own fields."""
+    for each in DISTURBANCES:
+        setattr(factor, each.option, each.default)
+    own = {each.option: Annotated[float, PSD] for each in DISTURBANCES}
+    factor.__annotations__ = own | get_annotations(factor)
+    rows = "".join(f"\n{each.option} : float\n    {each.words}" for each in DISTURBANCES)
+    factor.__doc__ = f"{getdoc(factor)}{rows}"
+    return factor
+
+
 @scenario_factor("motion")
 class MotionFactor(ScenarioFactor):
     """Initial motion of the body, and the epochs at which it is observed.
@@ -155,15 +167,12 @@ class SensorFactor(ScenarioFactor):
 
 
 @scenario_factor("noise")
+@with_densities
 class NoiseFactor(ScenarioFactor):
     """True noise of the sensors and densities of the disturbances.
 
     Attributes
     ----------
-    force_psd : float
-        Density of the disturbing force, (m/s^2)^2/Hz.
-    torque_psd : float
-        Density of the disturbing torque, (rad/s^2)^2/Hz.
     sensors : Mapping[str, float]
         By noise option, as in the settings' table [sensors], where it differs from the levels that sensors share.
     stated : bool
@@ -172,8 +181,6 @@ class NoiseFactor(ScenarioFactor):
         Whether the calibration is stated to have no error; if not, estimators consider the errors that are usual.
     """
 
-    force_psd: Annotated[float, PSD] = THESIS_NOISE.force_psd
-    torque_psd: Annotated[float, PSD] = THESIS_NOISE.torque_psd
     sensors: Mapping[str, Annotated[float, STD]] = field(default_factory=dict)
     stated: Truth = True
     calibrated: Truth = True
@@ -184,7 +191,7 @@ class NoiseFactor(ScenarioFactor):
         return {
             **super().fields_of_scenario,
             "sensor_noise": tuple(self.sensors.items()),
-            "noise": ProcessNoise(self.force_psd, self.torque_psd),
+            "noise": ProcessNoise(**{name: getattr(self, name) for name in DENSITIES}),
         }
 
 
@@ -321,7 +328,7 @@ class RecordingFactors:
     def levels(self) -> dict[str, float]:
         """True noise levels by the name of their option or density."""
         scenario = self.scenario
-        true = {"force_psd": scenario.noise.force_psd, "torque_psd": scenario.noise.torque_psd}
+        true = scenario.noise.densities
         return {name: true[name] if name in true else scenario.level(name) for name in noise_levels()}
 
 

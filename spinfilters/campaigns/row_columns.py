@@ -8,7 +8,8 @@ import pyarrow as pa
 from spinfilters.evaluation.epoch_spans import EpochSpan, own_span, shared_span
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import Metric, metrics
-from spinfilters.filters.noise_levels import DISTURBANCES, VarianceComponent
+from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.sensor_format import noise_options
 from spinfilters.models.status import QUANTITIES
 
@@ -29,7 +30,7 @@ _TYPES: Final = {float: _NUMBER, int: pa.int64(), str: _TEXT, bool: pa.bool_(), 
 
 def noise_levels() -> tuple[str, ...]:
     """Noise levels of the rows: every option of a sensor that data sets state, and the densities of the disturbances."""
-    return (*(each.name for each in noise_options().values() if each.in_dataset), *DISTURBANCES)
+    return (*(each.name for each in noise_options().values() if each.in_dataset), *DENSITIES)
 
 
 def schema(factors: list[str]) -> pa.Schema:

@@ -21,8 +21,6 @@ from spinfilters.campaigns.study import CampaignRun, Cell, Study
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.recording_bound import with_bounds, without_bounds
-from spinfilters.filters.estimator import Estimator
-from spinfilters.filters.timeline import Timeline
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import printable
@@ -116,7 +114,7 @@ class Runner:
     def compared(self, run: CampaignRun, with_bound: bool) -> Comparison:
         """The run's estimator, evaluated."""
         setup, settings = self.setup(run), self.study.cells[run.cell].settings
-        extent = ComparisonExtent(with_bounds if with_bound else without_bounds, _no_rehearsal)
+        extent = ComparisonExtent(with_bounds if with_bound else without_bounds, rehearsing=None)
         with self._timed("estimate"):
             found = compare_estimators(setup, settings, lambda *_: None, extent=extent)
         if found.interrupted:
@@ -230,10 +228,6 @@ def ended(study: Study, index: int, outcome: str, reason: str, seconds: float) -
 def when_and_where() -> Row:
     """When and where a run was made."""
     return {"finished": datetime.now(UTC).isoformat(timespec="milliseconds"), "host": platform.node()}
-
-
-def _no_rehearsal(_estimator: Estimator, _time: float, _timeline: Timeline) -> None:
-    """A campaign looks at no time per epoch, so that nothing need be built before."""
 
 
 def _versions() -> Row:

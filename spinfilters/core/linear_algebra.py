@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import get_lapack_funcs
 
+from spinfilters.core.large_arrays import release_pages
+
 SINGULAR: Final = 1e-12
 """Smallest eigenvalue, over the largest or over a diagonal of ones, from which down a matrix counts as singular.
 
@@ -107,15 +109,31 @@ STRETCH = 1024
 """Epochs whose derivatives are in memory together: they take ten times the room of what follows from them."""
 
 
-def by_stretches(epochs: int, derive: Callable[[slice], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Named arrays over ``epochs`` epochs (at least one), computed in stretches of `STRETCH` to bound memory."""
+RELEASED: Final = 8
+"""Stretches behind which an array in a file gives its memory back."""
+
+
+def by_stretches(
+    epochs: int, derive: Callable[[slice], dict[str, np.ndarray]], read: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """Named arrays over ``epochs`` epochs (at least one), computed in stretches of `STRETCH` to bound memory.
+
+    Parameters
+    ----------
+    read : ndarray or None
+        Array that ``derive`` reads, and that may be in a file (`spinfilters.core.large_arrays`).
+    """
     whole: dict[str, np.ndarray] = {}
-    for start in range(0, epochs, STRETCH):
+    for number, start in enumerate(range(0, epochs, STRETCH)):
+        if read is not None and number % RELEASED == 0:
+            release_pages(read)
         rows = slice(start, min(start + STRETCH, epochs))
         for name, part in derive(rows).items():
             if name not in whole:
                 whole[name] = np.empty((epochs, *part.shape[1:]), part.dtype)
             whole[name][rows] = part
+    if read is not None:
+        release_pages(read)
     return whole
 
 

@@ -151,7 +151,7 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
         total = normalised_square(away, factor) if moved is None else _least_square(away, factor, moved[part])
         return {"total": total, **blocks}
 
-    squares = by_stretches(len(rows), derive)
+    squares = by_stretches(len(rows), derive, history.factor)
     dof = layout.error_dim - (0 if moved is None else moved.shape[2])
     return NormalisedErrors(history.time[rows], squares.pop("total"), dof, squares)
 
@@ -190,7 +190,7 @@ def rotation_nees(history: EstimateHistory, truth: Truth) -> NormalisedErrors | 
             for name, at in {"total": both, **columns}.items()
         }
 
-    squares = by_stretches(len(rows), derive)
+    squares = by_stretches(len(rows), derive, history.factor)
     return NormalisedErrors(history.time[rows], squares.pop("total"), len(both), squares)
 
 
@@ -222,7 +222,15 @@ def _least_square(
 
 def finite_epochs(history: EstimateHistory) -> Bool[np.ndarray, " n"]:
     """Mask of a history's epochs with finite mean and factor."""
-    return np.asarray(np.isfinite(history.mean).all(axis=1) & np.isfinite(history.factor).all(axis=(1, 2)))
+    if not len(history.time):
+        return np.zeros(0, dtype=bool)
+
+    def are_finite(rows: slice) -> dict[str, np.ndarray]:
+        """Mask of a stretch of epochs."""
+        mean, factor = np.isfinite(history.mean[rows]), np.isfinite(history.factor[rows])
+        return {"finite": np.asarray(mean.all(axis=1) & factor.all(axis=(1, 2)))}
+
+    return by_stretches(len(history.time), are_finite, history.factor)["finite"]
 
 
 def nis_ratio(history: EstimateHistory) -> float | None:

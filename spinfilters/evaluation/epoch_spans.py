@@ -6,14 +6,15 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from spinfilters.evaluation.consistency import NormalisedErrors
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.stated_errors import stated_errors
-from spinfilters.evaluation.trajectory_errors import RmsErrors, TruthErrors
+from spinfilters.evaluation.trajectory_errors import RmsErrors, TruthErrors, common_stamps
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.timeline import Timeline, by_sensor, times_of
+from spinfilters.io.truth import Truth
 
 ALWAYS: Final = -np.inf
 """Begin of a span that leaves nothing out, s."""
@@ -134,6 +135,22 @@ class EpochSpan:
         """Errors within the span; None without a truth there."""
         errors = self.evaluation.errors
         return None if errors is None else errors.within(self.begin, self.end)
+
+    @cached_property
+    def truth(self) -> Truth | None:
+        """The truth at the epochs of `errors`, stamp by stamp, in the estimate's frames i and g.
+
+        None without a truth, and where g was fitted (`Alignment.BODY_FRAME`).
+        """
+        truth = self.evaluation.truth_in_own_frames
+        if truth is None or self.errors is None:
+            return None
+        return truth.chosen(common_stamps(self.errors.time, truth.time)[1])
+
+    @cached_property
+    def states(self) -> Float[np.ndarray, "n m"] | None:
+        """Estimated states at the epochs of `errors`; None without a truth there."""
+        return None if self.errors is None else self.evaluation.history.mean[self.errors.rows]
 
     @cached_property
     def rms(self) -> RmsErrors | None:

@@ -140,7 +140,7 @@ def trajectory_of(history: EstimateHistory) -> Trajectory:
     sees_position = layout.translates
     places = {"position": slice(0, 3), "velocity": slice(3, 6)}
     moving = (places if sees_position else {}) | {"rate_i": slice(6, 9)}
-    motion = by_stretches(len(history.time), derive)
+    motion = by_stretches(len(history.time), derive, history.factor)
     if not sees_position:
         nothing = np.broadcast_to(0.0, (len(history.time), 3))
         motion |= {name: nothing for place in places for name in (place, f"std_{place}")}
@@ -151,7 +151,9 @@ def estimated_rates(history: EstimateHistory) -> BodyRates:
     """Block w of a history, axes g, labelled with the estimator's name."""
     factor = history.factor[:, history.layout.slice("w")]
     rate = history.mean[:, history.layout.mean_slice("w")]
-    squares = by_stretches(len(rate), lambda rows: {"P": factor[rows] @ np.swapaxes(factor[rows], 1, 2)})
+    squares = by_stretches(
+        len(rate), lambda rows: {"P": factor[rows] @ np.swapaxes(factor[rows], 1, 2)}, factor
+    )
     return BodyRates(history.name, history.time, rate, squares["P"])
 
 

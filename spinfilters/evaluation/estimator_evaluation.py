@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -319,6 +319,21 @@ class Evaluation:
             if name in self.__dict__:
                 changed.__dict__[name] = self.__dict__[name]
         return changed
+
+    def has_estimates_of(self, other: "Evaluation") -> bool:
+        """Whether both are of one history and its errors, whatever status, bound and distances were found since."""
+        ours, theirs = self.history, other.history
+        if ours.has_failed is not theirs.has_failed or self.alignment is not other.alignment:
+            return False
+        same = [
+            getattr(ours, each.name) is getattr(theirs, each.name)
+            for each in fields(ours)
+            if each.name != "status"
+        ]
+        same += [
+            getattr(self, name) is getattr(other, name) for name in ("truth", "errors", "body_errors", "nees")
+        ]
+        return all(same)
 
     def with_status(self, status: EstimatorStatus) -> "Evaluation":
         """This evaluation with another status."""

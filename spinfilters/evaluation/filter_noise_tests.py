@@ -21,15 +21,16 @@ from jaxtyping import Float
 from spinfilters.core.linear_algebra import dtrtrs
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.filters.noise_levels import SOURCES, motion_evidence
+from spinfilters.filters.noise_levels import motion_evidence
 from spinfilters.filters.square_root import triangular_factor
+from spinfilters.io.disturbances import NAMES, noise_columns
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_layout import Gaussian
 
 MOST_EPOCHS: Final = 1500
 """That are tested, from a filter's first on."""
 MEASUREMENTS: Final = "measurements"
-TESTS: Final = (MEASUREMENTS, *SOURCES)
+TESTS: Final = (MEASUREMENTS, *NAMES)
 """Of the noise, in the order of an epoch's sums."""
 COLUMNS: Final = 4
 """Sums of a test: seen, expected, information, and information by the measurements' noise."""
@@ -183,9 +184,9 @@ class EpochTester:
             epoch.after, moved, triangular_factor(np.hstack([transition @ epoch.before.factor, noise]).T)
         )
         sums = no_sums()
-        for row, (source, columns) in enumerate(SOURCES.items(), start=1):
-            if noise[:, columns].size:
-                sums[row] = self._of_motion(source, noise[:, columns], transition, update)
+        for source, columns in noise_columns(self._process.layout.blocks).items():
+            own = self._of_motion(source, noise[:, columns], transition, update)
+            sums[TESTS.index(source)] = own
         K = np.eye(len(update.y)) - update.left
         if epoch.dof > 0:
             sums[0, :3] = _of_measurements(epoch, update.y, K)

@@ -23,6 +23,7 @@ from spinfilters.evaluation.trajectory_errors import Alignment, common_stamps, t
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.timeline import times_of
 from spinfilters.inference.setup import Setup
+from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import reason
 from spinfilters.io.truth import Truth
 from spinfilters.models.process import ProcessNoise
@@ -178,15 +179,16 @@ def true_disturbances(setup: Setup, states: Float[np.ndarray, "k m"]) -> Process
     """
     process, noise = setup.process, setup.process.noise
     layout, time = process.layout, times_of(setup.timeline)
-    sought = {"force_psd": "v", "torque_psd": "w"}
     sought = {
-        name: block for name, block in sought.items() if name in setup.unstated and block in layout.blocks
+        name: layout.slice(each.block).start + np.array(each.axes)
+        for name, each in DENSITIES.items()
+        if name in setup.unstated and each.block in layout.blocks
     }
     if not sought:
         return noise
     dt = np.diff(time)
     left = layout.local(process.steps(states[:-1], dt), states[1:]) / np.sqrt(dt)[:, None]
-    shown = {name: float(np.mean(left[:, layout.slice(block)] ** 2)) for name, block in sought.items()}
+    shown = {name: float(np.mean(left[:, rows] ** 2)) for name, rows in sought.items()}
     assumed = {name: getattr(noise, name) for name in sought}
     return replace(
         noise, **{name: max(min(shown[name], own), LEAST_DISTURBANCE * own) for name, own in assumed.items()}
@@ -200,7 +202,7 @@ def landmarks_at(
 
     They are those of the start, or where most of a landmark's observations agree from the poses.
     """
-    if not setup.initial.has_landmarks:
+    if not setup.maps_landmarks:
         return NO_LANDMARKS, np.zeros((0, 3))
     started = setup.initial
     ids = np.unique(seen_ids(setup.timeline))
@@ -237,4 +239,4 @@ def _squared_residual(problem: Problem, here: LinearizationPoint) -> float | Non
 
 
 def _is_separator(setup: Setup) -> bool:
-    return setup.initial.has_landmarks
+    return setup.maps_landmarks

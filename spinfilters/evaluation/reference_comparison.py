@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import (
@@ -92,8 +92,8 @@ class AttitudeCourse:
 
 
 @dataclass(frozen=True)
-class ReferenceMotionInFrames:
-    """Motion of a reference in the frames of an estimate, behind its last epoch too.
+class MotionInFrames:
+    """Attitudes and rates of a reference or of the truth in the frames of an estimate, behind its last epoch too.
 
     Attributes
     ----------
@@ -108,6 +108,10 @@ class ReferenceMotionInFrames:
     time: Float[np.ndarray, " n"]
     attitude: Float[np.ndarray, "n 4"]
     rate: Float[np.ndarray, "n 3"]
+
+    def at(self, rows: Int[np.ndarray, " m"]) -> "MotionInFrames":
+        """Some rows of it."""
+        return MotionInFrames(self.time[rows], self.attitude[rows], self.rate[rows])
 
 
 @dataclass(frozen=True)
@@ -219,7 +223,7 @@ class ReferenceComparison:
                 yield f"closest angle{suffix}", _mean_and_std(attitude.angle)
             yield from _components("angular velocity", rate.difference, suffix)
 
-    def motion_in_estimate_frames(self) -> ReferenceMotionInFrames | None:
+    def motion_in_estimate_frames(self) -> MotionInFrames | None:
         """Attitude and rate of the reference as the fit relates them to the estimate; None where it has rates alone.
 
         With the frames of `ReferenceFit`, R_ig = X' R_lm Y' and w_g = Y w_m.
@@ -231,7 +235,7 @@ class ReferenceComparison:
             reference, _span(reference, fit.noise[0], self.rate_std, self.typical_rate)
         )
         R = fit.frame.T @ matrix_from_quaternion(reference.attitude) @ fit.axes.T
-        return ReferenceMotionInFrames(
+        return MotionInFrames(
             reference.time - fit.clock_offset,
             continuous_quaternions(quaternion_from_matrix(nearest_rotation(R))),
             at_times(reference.time, time, rate) @ fit.axes.T,

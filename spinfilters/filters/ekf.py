@@ -218,7 +218,7 @@ class MultiplicativeEkf(FirstOrderFilter):
             SensorLevel(noise.measurement_scale(model.name), self._outliers.of(model.name).limit(model.dim))
             for model in models
         )
-        return RunOptions(noise.scaled(np.ones((1, MOST_NOISE)))[0], levels, self._iteration)
+        return RunOptions(noise.scaled(self.layout, np.ones((1, MOST_NOISE)))[0], levels, self._iteration)
 
     def correct_by_landmarks(
         self, observations: MapObservations, outliers: SensorOutlierRejection

@@ -227,9 +227,10 @@ class MultiplicativeFilter(Estimator):
         self._outliers.pass_time()
         self._adaptation.observe_motion(self.layout, self.mean, self.factor[: self._n])
         step = self.linearise_process(dt)  # EKF: derivatives at the mean; UKF: regression over sigma points
-        noise = self._adaptation.scaled(step.noise)
+        noise = self._adaptation.scaled(self.layout, step.noise)
         self.mean, self.factor = step.mean, propagate_factor(self.factor, step, noise)
-        self._adaptation.expect_motion(PredictedMotion(self.mean, self.factor, step.transition, noise))
+        predicted = PredictedMotion(self.mean, self.factor, step.transition, noise)
+        self._adaptation.expect_motion(self.layout, predicted)
 
     def update(self, measurement: Measurement) -> UpdateReport:
         """Correct mean and covariance by one sensor's values; mere repetitions count as rejected.

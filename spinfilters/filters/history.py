@@ -1,12 +1,13 @@
 """History of a run: beliefs of all epochs, and their recording."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import ShapeError
+from spinfilters.core.large_arrays import empty_array, release_pages
 from spinfilters.filters.estimator import COUNTS, UpdateReport
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.square_root import lower_roots
@@ -17,6 +18,9 @@ from spinfilters.models.status import EstimatorStatus, Verdict
 
 FEWEST_EPOCHS = 64
 """Epochs for which a history first makes room when their number is unknown."""
+
+RELEASED = 8192
+"""Epochs behind which a history that is in a file gives its memory back."""
 
 EPOCH_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *COUNTS)
 """Arrays of a history; each has a row per epoch."""
@@ -114,10 +118,25 @@ class EstimateHistory:
 
     def considering(self, calibration: Float[np.ndarray, "n e c"]) -> "EstimateHistory":
         """History with calibration errors in its covariance, P + C C'."""
-        finite = np.isfinite(self.factor).all(axis=(1, 2))
-        factor = self.factor.copy()
-        factor[finite] = lower_roots(np.concatenate([factor[finite], calibration[finite]], axis=2))
-        return replace(self, factor=factor, calibration=calibration)
+
+        def widened(rows: slice) -> np.ndarray:
+            """Factors of a stretch of epochs."""
+            factor = self.factor[rows].copy()
+            finite = np.isfinite(factor).all(axis=(1, 2))
+            factor[finite] = lower_roots(np.concatenate([factor[finite], calibration[rows][finite]], axis=2))
+            return factor
+
+        return replace(self, factor=self._factors(widened), calibration=calibration)
+
+    def _factors(self, of: Callable[[slice], np.ndarray]) -> Float[np.ndarray, "n e e"]:
+        """Other factors, computed by stretches of epochs, in a file where they are many."""
+        factor = empty_array(self.factor.shape, float)
+        for start in range(0, len(factor), RELEASED):
+            rows = slice(start, start + RELEASED)
+            factor[rows] = of(rows)
+            release_pages(factor)
+            release_pages(self.factor)
+        return factor
 
     def with_larger_calibration(self, times: Float[np.ndarray, " c"]) -> "EstimateHistory":
         """With every calibration error so many times as large, at least 1; the same without any."""
@@ -154,14 +173,20 @@ class EstimateHistory:
         widening : ndarray of float, shape (k, e, e)
             B of the first epochs; later ones have the last.
         """
-        factor, epochs = np.empty_like(self.factor), len(self.factor)
-        first = min(len(widening), epochs)
-        # F B epoch by epoch, with the last B for all later epochs; then lower triangles again.
-        factor[:first] = self.factor[:first] @ widening[:first]
-        factor[first:] = self.factor[first:] @ widening[-1]
-        finite = np.isfinite(factor).all(axis=(1, 2))
-        factor[finite] = lower_roots(factor[finite])
-        return replace(self, factor=factor)
+        first = min(len(widening), len(self.factor))
+
+        def wider(rows: slice) -> np.ndarray:
+            """F B epoch by epoch, with the last B for all later epochs; then lower triangles again."""
+            own, begin = self.factor[rows], rows.start
+            early = max(first - begin, 0)
+            factor = np.concatenate(
+                [own[:early] @ widening[begin : begin + len(own[:early])], own[early:] @ widening[-1]]
+            )
+            finite = np.isfinite(factor).all(axis=(1, 2))
+            factor[finite] = lower_roots(factor[finite])
+            return factor
+
+        return replace(self, factor=self._factors(wider))
 
     def random_factor(self, rows: slice | Int[np.ndarray, " r"] = slice(None)) -> Float[np.ndarray, "r e e"]:
         """Covariance factor of some epochs without calibration errors, not triangular where there are any.
@@ -194,11 +219,21 @@ def history_at(history: EstimateHistory, rows: Int[np.ndarray, " k"]) -> Estimat
     """A history of some epochs, its covariance alone."""
     return replace(
         history,
-        **{name: getattr(history, name)[rows] for name in EPOCH_ARRAYS},
+        **{name: _rows_of(getattr(history, name), rows) for name in EPOCH_ARRAYS},
         calibration=None,
         observations=None,
         initialisation=0,
     )
+
+
+def _rows_of(array: np.ndarray, rows: Int[np.ndarray, " k"]) -> np.ndarray:
+    """Some rows; of an array in a file few at a time, as each brings its neighbours into memory."""
+    found = np.empty((len(rows), *array.shape[1:]), array.dtype)
+    for start in range(0, len(rows), FEWEST_EPOCHS):
+        part = slice(start, start + FEWEST_EPOCHS)
+        found[part] = array[rows[part]]
+        release_pages(array)
+    return found
 
 
 def finished_history(histories: Sequence[EstimateHistory]) -> EstimateHistory | None:
@@ -279,6 +314,7 @@ class GrowingHistory:
         rows = slice(self._last + 1, self._last + 1 + len(time))
         self._room["time"][rows], self._room["runtime"][rows] = time, runtime
         self._count += len(time)  # last: Ctrl-C finds the epochs there or not
+        self._release(len(time))
 
     def append(self, time: float, belief: Gaussian, reports: Sequence[UpdateReport], runtime: float) -> None:
         """Add the epoch at ``time`` (s) with what its updates reported; it took ``runtime`` seconds."""
@@ -294,6 +330,12 @@ class GrowingHistory:
         room["accepted"][place] = sum(report.accepted for report in reports)
         room["rejected"][place] = sum(report.rejected for report in reports)
         self._count += 1  # last: Ctrl-C finds the epoch there or not
+        self._release(1)
+
+    def _release(self, added: int) -> None:
+        """Give the memory of many epochs back, if they are in a file and were just completed."""
+        if self._count // RELEASED != (self._count - added) // RELEASED:
+            release_pages(self._room["factor"])
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Every array of `EPOCH_ARRAYS`, a row per epoch: views, which later epochs leave as they are."""
@@ -367,7 +409,7 @@ def _empty_arrays(layout: StateLayout, epochs: int) -> dict[str, np.ndarray]:
     """Arrays of `EPOCH_ARRAYS` with room for so many epochs."""
     shapes = _row_shapes(layout)
     return {
-        name: np.empty((epochs, *shapes.get(name, ())), dtype=int if name in COUNTS else float)
+        name: empty_array((epochs, *shapes.get(name, ())), int if name in COUNTS else float)
         for name in EPOCH_ARRAYS
     }
 

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.filters.estimator import Measurement, ProcessModel
+from spinfilters.filters.filterpy_points import merwe_points
 from spinfilters.filters.square_root import MeasurementPrediction, compressed, triangular_factor
 from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.state_layout import Gaussian, StateLayout
@@ -181,9 +182,7 @@ def sigma_points(n: int, options: SigmaPointOptions) -> SigmaPoints:
     InputError
         When a covariance weight is negative, with which a covariance could become indefinite.
     """
-    from filterpy.kalman import MerweScaledSigmaPoints  # slow to import, and settings alone need none of it
-
-    merwe = MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa)
+    merwe = merwe_points(n, options.alpha, options.beta, options.kappa)
     if np.min(merwe.Wc) < 0:
         raise InputError(
             f"sigma points with alpha={options.alpha}, beta={options.beta} have a covariance weight of {np.min(merwe.Wc):.3g}"

@@ -40,6 +40,7 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import dtrtri, dtrtrs
+from spinfilters.io.disturbances import DENSITIES, NAMES, noise_columns
 from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.state_layout import StateLayout
 
@@ -74,10 +75,6 @@ def raised_logarithm(variance: float, share: float = 1.0) -> float:
     return float(np.log(np.sum(weight * np.exp(y)) / np.sum(weight)))
 
 
-FORCE_PSD: Final = "force_psd"
-TORQUE_PSD: Final = "torque_psd"
-DISTURBANCES: Final = (FORCE_PSD, TORQUE_PSD)
-"""Names of the densities of the process, as in the settings' table [process]."""
 TOLD_LOG_STD: Final = 0.6
 """Standard deviation of ln variance above which the data only bound a component from above."""
 BOUND_STD: Final = 2.0
@@ -131,7 +128,7 @@ class VarianceComponent:
     @property
     def is_density(self) -> bool:
         """Whether it is the density of a disturbance."""
-        return self.name in DISTURBANCES
+        return self.name in DENSITIES
 
     @property
     def told(self) -> bool:
@@ -164,8 +161,6 @@ class VarianceComponent:
         return self.value * half * self.log_std
 
 
-SOURCES = {"torque": slice(0, 6), "force": slice(6, None)}
-"""Columns of a process' noise factor by their cause (`spinfilters.models.rotation_integrator`)."""
 LARGEST_SCALE = 1000.0
 """Of a covariance or density, and the inverse of the smallest: beyond it the model is wrong, not its noise."""
 FIRST_INFORMATION = 2.0
@@ -294,16 +289,17 @@ class NoiseAdaptation:
         return self._scale(f"sensor.{sensor}")
 
     def process_scale(self, source: str) -> float:
-        """Scale of a disturbance density, "torque" or "force"; 1 without adaptation."""
+        """Scale of the density of a disturbance, by its name; 1 without adaptation."""
         return self._scale(f"process.{source}")
 
-    def scaled(self, noise: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
-        """A process' noise factor with its columns scaled."""
-        scales = {source: self.process_scale(source) for source in SOURCES}
+    def scaled(self, layout: StateLayout, noise: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """The noise factor of a process over this layout with its columns scaled."""
+        sources = noise_columns(layout.blocks)
+        scales = {source: self.process_scale(source) for source in sources}
         if all(scale == 1.0 for scale in scales.values()):
             return noise
         result = noise.copy()
-        for source, columns in SOURCES.items():
+        for source, columns in sources.items():
             result[:, columns] *= np.sqrt(scales[source])
         return result
 
@@ -313,10 +309,11 @@ class NoiseAdaptation:
         if self._horizon(name):
             self._learn(name, residual_evidence(correction))
 
-    def expect_motion(self, motion: "PredictedMotion") -> None:
+    def expect_motion(self, layout: StateLayout, motion: "PredictedMotion") -> None:
         """Store a prediction for comparison with the updated belief."""
         self._predictions += 1
-        sources = [source for source in SOURCES if self._horizon(f"process.{source}")]  # that adapt now
+        columns = noise_columns(layout.blocks)
+        sources = [source for source in columns if self._horizon(f"process.{source}")]  # that adapt now
         if not sources:
             self._known = {}
             return
@@ -327,11 +324,10 @@ class NoiseAdaptation:
         kept = {} if failed else {"mean": motion.mean, "factor": factor}
         moved, entered = solved[:, :n], solved[:, n:]
         for source in sources if kept else ():
-            own = entered[:, SOURCES[source]]
-            if own.size:
-                kept[source] = own @ own.T
-                if source in self._known:
-                    kept[source] += moved @ self._known[source] @ moved.T
+            own = entered[:, columns[source]]
+            kept[source] = own @ own.T
+            if source in self._known:
+                kept[source] += moved @ self._known[source] @ moved.T
         self._known = kept
 
     def observe_motion(
@@ -352,7 +348,7 @@ class NoiseAdaptation:
         left, y = solved[:, :-1] @ solved[:, :-1].T, solved[:, -1]
         carried = predicted @ left
         self._known = {"carried": carried if reset is None else reset @ carried}
-        for source in SOURCES:
+        for source in NAMES:
             if source in known:
                 self._known[source] = known[source]
                 self._learn(f"process.{source}", motion_evidence(known[source], left, y))
@@ -365,7 +361,7 @@ class NoiseAdaptation:
         sensors : Sequence[str]
             Names of the sensors that measure then.
         """
-        sources = (*(f"sensor.{name}" for name in sensors), *(f"process.{source}" for source in SOURCES))
+        sources = (*(f"sensor.{name}" for name in sensors), *(f"process.{source}" for source in NAMES))
         if self._known or any(
             self.options.measurement if name.startswith("sensor.") else self.options.process
             for name in sources

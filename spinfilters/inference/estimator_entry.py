@@ -61,12 +61,16 @@ class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
         Whether it continues from the initialisation, so that doubts about that are doubts about it.
     forgets : bool
         Of one that does not: whether it keeps linearisations of epochs that have left, and is compared with the smoother for that.
+    tests_noise : bool
+        Whether its covariances show wrong noise: each is predicted as F P F' + Q from the one before. A filter that widens its
+        prediction on purpose, as by a forgetting factor, sets it to False.
     """
 
     holds_landmarks: bool = False
     is_baseline: bool = False
     continues: bool = True
     forgets: bool = False
+    tests_noise: bool = True
 
     @abstractmethod
     def build(self, setup: "Setup", settings: "Settings") -> Built:

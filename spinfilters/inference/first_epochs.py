@@ -23,7 +23,6 @@ from spinfilters.io.input_file import reason
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.sensor_tables import require_motion
-from spinfilters.models.body import body_estimate
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.sensor import MotionSamples
 from spinfilters.models.sensor_registry import sensor_of
@@ -53,11 +52,6 @@ they are consistent."""
 
 Make = Callable[[InitialisationOptions], InitialEstimate]
 """Makes an initialisation of a recording; nothing of landmarks after its last epoch is looked at."""
-
-
-def moments_std_of(start: InitialEstimate) -> float:
-    """Largest standard deviation of a principal moment after the initialisation, relative to the largest moment."""
-    return float(np.max(body_estimate(start.belief, intervals=False).principal_moments_std))
 
 
 def long_enough_initialisation(
@@ -115,9 +109,9 @@ def beyond_share(
 
 def _is_better(beyond: InitialEstimate, found: InitialEstimate) -> bool:
     """Whether filters go on better from more epochs."""
-    if moments_std_of(beyond) > DETERMINED_STD:
+    if beyond.moments_std > DETERMINED_STD:
         return False
-    return moments_std_of(found) > DETERMINED_STD or beyond.departure < found.departure
+    return found.moments_std > DETERMINED_STD or beyond.departure < found.departure
 
 
 def departure_of(
@@ -182,7 +176,7 @@ def belief_beyond_tangent(process: ProcessModel, timeline: Timeline, start: Init
 
 
 def _is_enough(found: InitialEstimate) -> bool:
-    return moments_std_of(found) <= DETERMINED_STD and found.departure <= LARGEST_DEPARTURE
+    return found.moments_std <= DETERMINED_STD and found.departure <= LARGEST_DEPARTURE
 
 
 def _longer(options: InitialisationOptions, timeline: Timeline) -> InitialisationOptions:
@@ -202,7 +196,7 @@ def _check_moments(
     which observations are believed differs between filter and smoother.
     """
     start = make(options)
-    determined = is_bent(start.belief) and moments_std_of(start) <= DETERMINED_STD
+    determined = is_bent(start.belief) and start.moments_std <= DETERMINED_STD
     count = len(start.mean)
     if not determined or start.has_landmarks or count == len(timeline):
         return start

@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
-from spinfilters.filters.noise_levels import DISTURBANCES, FORCE_PSD, ComponentRows, VarianceComponent
+from spinfilters.filters.noise_levels import ComponentRows, VarianceComponent
 from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, by_sensor
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.initialisation import initialise
 from spinfilters.inference.noise_model import NoiseModel
+from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import reason
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.sensor_format import noise_options, sensor_format
@@ -199,7 +200,7 @@ class Unstated:
             for option in sensor_format(stream.sensor).noise:
                 if option.components is not None:
                     options.setdefault(option.name, {})[stream.sensor] = option.components
-        return cls(options, tuple(name for name in DISTURBANCES if getattr(noise, name) > 0))
+        return cls(options, tuple(name for name, psd in noise.densities.items() if psd > 0))
 
 
 def smallest_level(option: str) -> float:
@@ -233,7 +234,8 @@ def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> Noi
             value = getattr(noise, option)
             tracks = bool(seen & set(rows_of))
             components.append(ComponentRows(option, value, rows, tracks, smallest_level(option)))
-    densities = tuple(name for name in unstated.densities if problem.layout.translates or name != FORCE_PSD)
+    blocks = problem.layout.blocks
+    densities = tuple(name for name in unstated.densities if DENSITIES[name].block in blocks)
     return NoiseModel(problem, tuple(components), densities) if components or densities else None
 
 

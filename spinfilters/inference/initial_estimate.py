@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,6 +14,7 @@ from spinfilters.filters.estimator import LandmarkBelief, ProcessModel
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Timeline
 from spinfilters.inference.noise_model import deleted_residuals
+from spinfilters.models.body import body_estimate
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.state_layout import Gaussian, StateLayout
@@ -115,6 +117,11 @@ class InitialEstimate:
     def has_failed(self) -> bool:
         """Whether nothing of it is finite."""
         return self.status.verdict is Verdict.FAILED
+
+    @cached_property
+    def moments_std(self) -> float:
+        """Largest standard deviation of a principal moment after it, relative to the largest moment."""
+        return float(np.max(body_estimate(self.belief, intervals=False).principal_moments_std))
 
     @property
     def fit(self) -> float:

@@ -6,13 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from spinfilters.filters.noise_levels import (
-    DISTURBANCES,
-    TORQUE_PSD,
-    NoiseScale,
-    VarianceComponent,
-    raised_logarithm,
-)
+from spinfilters.filters.noise_levels import NoiseScale, VarianceComponent, raised_logarithm
 from spinfilters.filters.timeline import SensorNoise
 from spinfilters.inference.identified_noise import (
     GyroNoise,
@@ -24,6 +18,7 @@ from spinfilters.inference.identified_noise import (
 from spinfilters.inference.setup import Setup
 from spinfilters.io.consider_parameter import ConsideredDeviation, consider_parameters
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.disturbances import DENSITIES, WHITE_TORQUE
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.sensor_format import noise_options, sensor_format
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
@@ -53,13 +48,8 @@ def _setting(settings: Settings, option: str) -> float | str:
 
 def disturbances(dataset: Dataset, unknown: MeasurementStream | None) -> ProcessNoise:
     """Disturbance densities of the data set, else those of a rate sensor of unknown noise, else the thesis'."""
-    force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
-    if torque_psd is None and unknown is not None:
-        torque_psd = disturbance_psd(unknown)
-    return ProcessNoise(
-        THESIS_NOISE.force_psd if force_psd is None else force_psd,
-        THESIS_NOISE.torque_psd if torque_psd is None else torque_psd,
-    )
+    of_rates = {} if unknown is None else {WHITE_TORQUE.option: disturbance_psd(unknown)}
+    return replace(THESIS_NOISE, **{**of_rates, **dataset.options.densities})
 
 
 LEAST_STEP: Final = 1e-9
@@ -76,7 +66,7 @@ def least_density(log: MeasurementLog) -> float:
 def _regular(noise: ProcessNoise, log: MeasurementLog) -> ProcessNoise:
     """Densities without zeros."""
     least = least_density(log)
-    return ProcessNoise(noise.force_psd or least, noise.torque_psd or least)
+    return ProcessNoise(**{name: psd or least for name, psd in noise.densities.items()})
 
 
 def log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
@@ -129,8 +119,8 @@ def unstated_names(dataset: Dataset, settings: Settings) -> frozenset[str]:
     }
     densities = {
         name
-        for name in DISTURBANCES
-        if getattr(dataset.options, name) is None and getattr(settings.process, name) == AUTO
+        for name in DENSITIES
+        if name not in dataset.options.densities and getattr(settings.process, name) == AUTO
     }
     return frozenset(options | densities)
 
@@ -150,7 +140,7 @@ def unstated_noise(
         for option in sensor_format(stream.sensor).noise:
             if option.components is not None and option.name in names:
                 options.setdefault(option.name, {})[stream.sensor] = option.components
-    densities = tuple(name for name in DISTURBANCES if name in names)
+    densities = tuple(name for name in DENSITIES if name in names)
     return Unstated(options, () if unknown is not None else densities)
 
 
@@ -256,7 +246,7 @@ def adapted_levels(setup: Setup, level: Callable[[str], NoiseScale]) -> tuple[Va
 def _sources(setup: Setup) -> dict[str, tuple[str, ...]]:
     """Options of every source of noise that may adapt."""
     sources: dict[str, tuple[str, ...]] = {
-        f"process.{'torque' if name == TORQUE_PSD else 'force'}": (name,) for name in setup.sought.densities
+        f"process.{DENSITIES[name].name}": (name,) for name in setup.sought.densities
     }
     for stream in setup.dataset.log.streams:
         options = [o.name for o in sensor_format(stream.sensor).noise if o.components is not None]

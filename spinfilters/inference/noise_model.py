@@ -18,7 +18,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.chi_square import chi_square_median, chi_square_tail
-from spinfilters.filters.noise_levels import FORCE_PSD, TORQUE_PSD, ComponentRows
+from spinfilters.filters.noise_levels import ComponentRows
+from spinfilters.io.disturbances import DENSITIES, noise_columns
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.motion_factors import NOISE_FLOOR, EpochRows, SensorRows, prior_rows
@@ -130,8 +131,6 @@ class NoiseModel:
 
 LEAST_FREE = 0.2
 """Redundancy of a component, from which its residual shows whether it is wrong."""
-ENTRIES = 6
-"""Columns of a step's noise factor that belong to the torque (attitude and rate); those of the force follow."""
 
 
 @dataclass(frozen=True)
@@ -381,15 +380,15 @@ def _free_observations(problem: Problem, normal: NormalEquations, spent: float) 
 
 def source_factors(
     problem: Problem, here: LinearizationPoint, densities: Sequence[str]
-) -> list[Float[np.ndarray, "k d i"]]:
+) -> list[Float[np.ndarray, "k d _"]]:
     """W = L^-1 G of disturbances, for every step."""
     motion, moving = problem.motion, problem.ordering.moving
     noise = here.dynamics.noise
     if noise is None:
         noise = motion.process.linearise_steps(here.trajectory[:-1], here.trajectory[1:], motion.dt)[2]
-    # noise factor of the moving rows; its columns are those of the torque, then of the force
+    # noise factor of the moving rows, its columns those of each disturbance
     G = noise[:, moving]
     Q = G @ np.swapaxes(G, 1, 2) + NOISE_FLOOR**2 * np.eye(len(moving))
     W = np.linalg.solve(np.linalg.cholesky(Q), G)
-    columns = {TORQUE_PSD: slice(None, ENTRIES), FORCE_PSD: slice(ENTRIES, None)}
-    return [W[:, :, columns[name]] for name in densities]
+    columns = noise_columns(problem.layout.blocks)
+    return [W[:, :, columns[DENSITIES[name].name]] for name in densities]

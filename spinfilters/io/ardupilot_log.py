@@ -55,17 +55,8 @@ class ArduPilotLogReader(StatedReader):
 
     name, order = "ardupilot-log", 43
     words = "an ArduPilot log (.bin, .log)"
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a file is named as one and begins as one."""
-        if path.suffix.lower() not in (".bin", ".log") or not path.is_file():
-            return False
-        try:
-            with open(path, "rb") as stream:
-                head = stream.read(4)
-        except OSError:
-            return False
-        return head.startswith(MAGIC) or head == b"FMT,"
+    suffixes = (".bin", ".log")
+    magic = (MAGIC, b"FMT,")
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates of the first gyro of the first message that has some."""

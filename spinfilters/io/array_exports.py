@@ -48,9 +48,7 @@ class ArrayExportReader(StatedReader):
     name, order = "array-export", 45
     words = "a .npz, .mat, .h5, .parquet or .json of arrays"
 
-    def recognises(self, path: Path) -> bool:
-        """Whether a file is named as one of them."""
-        return path.suffix.lower() in _READERS and not path.is_dir()
+    suffixes = (".npz", ".mat", ".h5", ".hdf5", ".parquet", ".pq", ".json")
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the arrays that describe a motion."""

@@ -22,7 +22,8 @@ from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import MotionTable
 from spinfilters.io.sensor_tables import require_clock
-from spinfilters.io.text_table import Table, TableLayout
+from spinfilters.io.table_layout import TableLayout
+from spinfilters.io.text_table import Table
 
 _SUFFIXES: Final = (".a", ".aem")
 _POSITIONS: Final = (".e", ".oem")

@@ -16,6 +16,7 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import Rig, camera_deviations
 from spinfilters.io.consider_parameter import consider_parameters
+from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import path_text, printable, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
 from spinfilters.io.memory_tables import measured_table, reading_options
@@ -25,18 +26,13 @@ from spinfilters.io.stated_values import NumberRange
 from spinfilters.io.truth import Truth
 
 Note = str | int | float | bool
-DENSITIES: Final[dict[str, NumberRange]] = {
-    "force_psd": NumberRange(1e-30, 1e12, "(m/s^2)^2/Hz", zero=True),
-    "torque_psd": NumberRange(1e-30, 1e12, "(rad/s^2)^2/Hz", zero=True),
-}
-"""Keys that are densities of the disturbances, and what they may be."""
 INFLATION: Final = NumberRange(1.0, 1e6)
 
 
 def noise_ranges() -> dict[str, NumberRange]:
     """Noise keys of dataset.toml, of sensors and disturbances, with their ranges."""
     stated = {name: option.allowed for name, option in noise_options().items() if option.in_dataset}
-    return {**stated, **DENSITIES}
+    return {**stated, **{name: each.allowed for name, each in DENSITIES.items()}}
 
 
 @dataclass(frozen=True, init=False)
@@ -48,8 +44,9 @@ class DatasetOptions:
     sensor_noise : Mapping[str, float]
         Standard deviations of the sensors, by the names of the registry's options; each is a keyword argument and an attribute too
         (``pixel_std``), None where the file is silent.
-    force_psd, torque_psd : float or None
-        Of the white disturbances, see `spinfilters.models.process`. None where the file is silent.
+    densities : Mapping[str, float]
+        Of the white disturbances, by the keys of `spinfilters.io.disturbances.DENSITIES`; each is a keyword argument and an
+        attribute too (``force_psd``), None where the file is silent.
     frames : str
         In words, what the frames i and g of this data set are.
     notes : Mapping[str, Note]
@@ -67,8 +64,7 @@ class DatasetOptions:
     """
 
     sensor_noise: Mapping[str, float]
-    force_psd: float | None
-    torque_psd: float | None
+    densities: Mapping[str, float]
     frames: str
     notes: Mapping[str, Note]
     calibration: Mapping[str, float]
@@ -77,8 +73,7 @@ class DatasetOptions:
     def __init__(
         self,
         sensor_noise: Mapping[str, float] | None = None,
-        force_psd: float | None = None,
-        torque_psd: float | None = None,
+        densities: Mapping[str, float] | None = None,
         frames: str = "",
         notes: Mapping[str, Note] | None = None,
         calibration: Mapping[str, float] | None = None,
@@ -86,24 +81,26 @@ class DatasetOptions:
         **noise: float | None,
     ) -> None:
         ranges = noise_ranges()
-        given = {**(sensor_noise or {}), **noise, "force_psd": force_psd, "torque_psd": torque_psd}
+        given = {**(sensor_noise or {}), **(densities or {}), **noise}
         for name, value in given.items():
             if name not in ranges:
                 raise InputError(f"option {name} is unknown; use {', '.join(ranges)}")
             if value is not None:
                 ranges[name].require(name, value)
-        stated = {k: v for k, v in given.items() if v is not None and k not in DENSITIES}
+        stated = {k: v for k, v in given.items() if v is not None}
+        of_sensors = {k: v for k, v in stated.items() if k not in DENSITIES}
+        of_motion = {k: v for k, v in stated.items() if k in DENSITIES}
         _check_calibration(calibration or {})
         INFLATION.require("covariance_inflation", covariance_inflation)
         others = frames, dict(notes or {}), dict(calibration or {}), float(covariance_inflation)
-        values = (stated, force_psd, torque_psd, *others)
+        values = (of_sensors, of_motion, *others)
         for name, value in zip(_FIELDS, values, strict=True):
             object.__setattr__(self, name, value)
 
     def __getattr__(self, name: str) -> float | None:
-        if name in _FIELDS or name.startswith("__") or name not in noise_options():
+        if name in _FIELDS or name.startswith("__") or not (name in DENSITIES or name in noise_options()):
             raise AttributeError(f"the options have no {name}")
-        return self.sensor_noise.get(name)
+        return (self.densities if name in DENSITIES else self.sensor_noise).get(name)
 
     @property
     def noise(self) -> tuple[float | None, ...]:

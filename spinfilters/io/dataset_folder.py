@@ -48,7 +48,7 @@ from spinfilters.io.sensor_tables import (
     write_sensor_file,
     write_tum,
 )
-from spinfilters.io.text_table import read_header
+from spinfilters.io.table_layout import read_header
 from spinfilters.io.truth import TRUTH_BODY, TRUTH_FILES, TRUTH_TABLE, Truth, read_truth, write_truth
 
 _FRONT_ENDS = {

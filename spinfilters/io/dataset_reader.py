@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.input_file import first_bytes
 from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 
 if TYPE_CHECKING:
@@ -23,7 +24,9 @@ OnRefused = Callable[[int, str], None]
 
 
 class DatasetReader(ABC):
-    """Reader of one format. A subclass states its attributes, and writes `recognises` and `read`.
+    """Reader of one format. A subclass states its attributes and writes `read`.
+
+    A file is of the format by `suffixes` and `magic`; what is recognised otherwise, such as a folder, overrides `recognises`.
 
     Attributes
     ----------
@@ -36,16 +39,24 @@ class DatasetReader(ABC):
         files at 100.
     has_segments : bool
         Whether a recording may hold several data sets, chosen by number.
+    suffixes : tuple of str
+        Of its files, in lower case with the dot. No run is saved as such a file.
+    magic : tuple of bytes
+        First bytes, of which a file must have some; by default any are taken, and `read` refuses the wrong ones.
     """
 
     name: str
     words: str
     order: int = 50
     has_segments: bool = False
+    suffixes: tuple[str, ...] = ()
+    magic: tuple[bytes, ...] = ()
 
-    @abstractmethod
     def recognises(self, path: Path) -> bool:
         """Whether a path, which need not exist, is of this format, judged by its name or its first bytes alone."""
+        if path.suffix.lower() not in self.suffixes or os.path.isdir(path):
+            return False
+        return not self.magic or first_bytes(path, max(map(len, self.magic))).startswith(self.magic)
 
     @abstractmethod
     def read(self, path: Path, segment: int | None) -> Dataset:

@@ -121,6 +121,15 @@ def read_bytes(path: Path, max_bytes: int, may_be_empty: bool = False) -> bytes:
     return data
 
 
+def first_bytes(path: Path, count: int) -> bytes:
+    """Begin of a regular file, of at most so many bytes; none of anything else or of what cannot be read. It never blocks."""
+    try:
+        with open(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as stream:
+            return stream.read(count) if stat.S_ISREG(os.fstat(stream.fileno()).st_mode) else b""
+    except (OSError, ValueError):  # a path with a NUL
+        return b""
+
+
 def _no_file(path: Path) -> InputError:
     return InputError(f"{path_text(path)}: is a device or pipe, expected a file; copy its content to a file")
 
@@ -141,11 +150,7 @@ def parse_number(text: str | bytes) -> float:
 
 def first_text(path: Path, size: int) -> str:
     """Text of the first bytes of a file, by which a reader recognises it; empty of one that cannot be opened, or a device."""
-    try:
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:
-            return stream.read(size).decode("utf-8", "replace")
-    except (OSError, ValueError):  # a path with a NUL
-        return ""
+    return first_bytes(path, size).decode("utf-8", "replace")
 
 
 def require_folder(path: Path) -> None:

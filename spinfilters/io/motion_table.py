@@ -33,7 +33,8 @@ from spinfilters.io.stated_values import (
     ReadingOptions,
     to_state,
 )
-from spinfilters.io.text_table import Table, read_layout
+from spinfilters.io.table_layout import read_layout
+from spinfilters.io.text_table import Table
 
 SLOWEST: Final = 1.0
 FASTEST: Final = 8000.0

@@ -11,7 +11,8 @@ from jaxtyping import Float
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock, seconds_of_dates
 from spinfilters.io.input_file import parse_number, path_text, value_text
-from spinfilters.io.text_table import Table, TableLayout, read_columns
+from spinfilters.io.table_layout import TableLayout
+from spinfilters.io.text_table import Table, read_columns
 
 
 class NamedColumns(Protocol):
@@ -42,7 +43,7 @@ class NamedColumns(Protocol):
 
 @dataclass(frozen=True)
 class TextColumns:
-    """Columns of a text table (`spinfilters.io.text_table.read_layout`)."""
+    """Columns of a text table (`spinfilters.io.table_layout.read_layout`)."""
 
     path: Path
     layout: TableLayout

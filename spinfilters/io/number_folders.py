@@ -17,7 +17,8 @@ from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import MotionTable
 from spinfilters.io.sensor_tables import require_clock
 from spinfilters.io.stated_values import RATE
-from spinfilters.io.text_table import Table, TableLayout, read_blank_separated
+from spinfilters.io.table_layout import TableLayout
+from spinfilters.io.text_table import Table, read_blank_separated
 
 _KITTI_RATES: Final = slice(17, 20)
 """Of the numbers of a KITTI file: about the forward, left and up axes of the unit, rad/s; 11 to 13 are the accelerations."""
@@ -114,12 +115,9 @@ class Simulator42Reader(StatedReader):
 
 def _motion(sensor: str, path: Path, values: Float[np.ndarray, "n m"]) -> MotionTable:
     """Measurements of a table with its time in front. InputError: its clock or its values."""
-    table = Table(
-        path, TableLayout(("time_s",), header_line=0), ("time_s",), values, range(1, len(values) + 1)
-    )
+    names = ("time_s", *(f"column {k}" for k in range(2, values.shape[1] + 1)))
+    table = Table(path, TableLayout(names, header_line=0), names, values, range(1, len(values) + 1))
     require_clock(table)
-    if sensor == "gyro":
-        table = Table(path, table.layout, ("time_s", "wx", "wy", "wz"), values, range(1, len(values) + 1))
-        table.require(slice(1, 4), RATE)
+    table.require(slice(1, None), RATE)  # components of quaternions are smaller
     with table.naming_lines():
         return MotionTable(MeasurementStream(sensor, values[:, 0], values[:, 1:]), None, ())

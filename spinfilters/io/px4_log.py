@@ -53,10 +53,7 @@ class Px4LogReader(StatedReader):
 
     name, order = "px4-log", 42
     words = "a PX4 log (.ulg)"
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a file is named as one."""
-        return path.suffix.lower() == ".ulg" and not path.is_dir()
+    suffixes = (".ulg",)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates or attitudes of the topic that the user states, or of the first that describes a motion."""

@@ -119,12 +119,11 @@ class RosBagReader(StatedReader):
 
     name, order = "ros-bag", 40
     words = "a ROS bag (.bag, .mcap)"
+    suffixes = tuple(FIRST_BYTES)
 
     def recognises(self, path: Path) -> bool:
         """Whether a path is named as a bag of ROS 1 or 2, or MCAP."""
-        if os.path.isdir(path):
-            return os.path.isfile(path / "metadata.yaml")
-        return path.suffix.lower() in FIRST_BYTES
+        return os.path.isfile(path / "metadata.yaml") or super().recognises(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates or poses of one topic, which the user states where a bag has several."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.core.attitude_conversions import inverse, multiply, rotate
 from spinfilters.core.errors import InputError, RowError, ShapeError
@@ -104,6 +104,21 @@ class Truth:
         _check_body(self)
         object.__setattr__(self, "q_ig", normalised(self.q_ig))
         self.q_ig.setflags(write=False)
+
+    def chosen(self, rows: slice | Int[np.ndarray, " k"]) -> "Truth":
+        """The truth at some of its stamps.
+
+        Parameters
+        ----------
+        rows : slice or (k,) int array
+            Ascending indices of stamps.
+
+        Returns
+        -------
+        Truth
+            The same body, at these stamps.
+        """
+        return replace(self, **{name: getattr(self, name)[rows] for name in ("time", *_TRAJECTORY_SHAPES)})
 
     @property
     def body(self) -> dict[str, Float[np.ndarray, "..."]]:

@@ -1,6 +1,5 @@
 """Zip archive of an export: read as the folder that it holds."""
 
-import os
 import tempfile
 import zipfile
 from collections.abc import Callable
@@ -35,10 +34,7 @@ class ZipReader(StatedReader):
     name, order = "zip", 30
     words = "a .zip of an export"
     has_segments = True
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a file is a zip archive by its suffix."""
-        return path.suffix.lower() == ".zip" and not os.path.isdir(path)
+    suffixes = (".zip",)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the archive, read as the folder that it packs."""

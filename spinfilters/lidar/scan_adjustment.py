@@ -433,9 +433,11 @@ def match_scans(
     size = max(cloud.size for cloud in clouds)
     if not size > SMALLEST * float(np.linalg.norm(middle - eye)):
         raise InputError("the points of every scan lie in one place; give scans that resolve the body")
-    first = _first_sure_scan(clouds, size)
+    first, second = _first_sure_pair(clouds, middle, size)
     poses = [ScanPose(times[first], np.eye(3), middle, np.zeros((6, 6)), matched=len(clouds[first].points))]
-    for time in times[first + 1 :]:
+    if second is not None:
+        poses.append(_scan_pose_of(second, times[first + 1], size))
+    for time in times[first + 2 :]:
         poses.append(_next_pose(clouds[first:], poses, time, size))
     # then from the last scan backwards to those before the first one
     poses, backwards = poses[::-1], clouds[::-1]
@@ -444,27 +446,28 @@ def match_scans(
     return adjusted_scans(clouds, _in_frame_of_first(poses[::-1], middle), size, 0.3 * _REACH * size)
 
 
-def _first_sure_scan(clouds: Sequence[Cloud], size: float) -> int:
-    """The scan from which all others are registered: the first whose pose to the next one is sure.
+def _first_sure_pair(
+    clouds: Sequence[Cloud], middle: Float[np.ndarray, "3"], size: float
+) -> tuple[int, Registration | None]:
+    """The scan from which all others are registered, and the registration of the next one to it; None of a single scan.
 
-    It is where refining from rest and a search over rotations end in one pose, in which both scans share most of their surface. A
-    thin side that is seen alone shares hardly a surface with the next scan, and a symmetric one fits in several attitudes: a wrong
-    first rotation predicts wrong ones for all others. The first scan, where none of the first `FIRST_PAIRS` pairs is sure.
+    It is the first scan whose pose to the next one is sure: where refining from rest and a search over rotations end in one pose,
+    in which both scans share most of their surface. A thin side that is seen alone shares hardly a surface with the next scan, and
+    a symmetric one fits in several attitudes: a wrong first rotation predicts wrong ones for all others. The first scan, where
+    none of the first `FIRST_PAIRS` pairs is sure. The map of the registration has its origin at ``middle``, as frame g.
     """
+    first = None
     for k in range(min(len(clouds) - 1, FIRST_PAIRS)):
-        near, searched = _first_registrations(clouds[k + 1], clouds[k], np.eye(3), np.zeros(3), size)
+        source, target = clouds[k + 1], Cloud.of(clouds[k].points - middle, clouds[k].normals)
+        start = coarse_pose(source, target, np.eye(3), WIDEST_TURN)
+        near = registered(source, target, np.eye(3), -middle, _REACH * size)
+        searched = registered(source, target, *start, _REACH * size)
+        better = max(near, searched, key=_fit_quality)
+        first = better if first is None else first
         apart = _turn_between(near.rotation, searched.rotation)
         if apart < LEAST_DEPARTURE and min(near.overlap, searched.overlap) >= SURE_OVERLAP:
-            return k
-    return 0
-
-
-def _first_registrations(
-    source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], size: float
-) -> tuple[Registration, Registration]:
-    """Registration from a start p_target = R p + t, and from the best of many rotations about it."""
-    start = coarse_pose(source, target, R, WIDEST_TURN)
-    return registered(source, target, R, t, _REACH * size), registered(source, target, *start, _REACH * size)
+            return k, better
+    return 0, first
 
 
 def _in_frame_of_first(poses: Sequence[ScanPose], middle: Float[np.ndarray, "3"]) -> list[ScanPose]:
@@ -487,9 +490,6 @@ def _next_pose(clouds: Sequence[Cloud], poses: list[ScanPose], time: float, size
     number = len(poses)
     R, t = predicted_pose(poses, time, size)
     target = _scan_matching_map(clouds, poses, R, list(range(number)))
-    if number == 1:
-        both = _first_registrations(clouds[number], target, R.T, -R.T @ t, size)
-        return _scan_pose_of(max(both, key=_fit_quality), time, size)
     found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size)
     widest = largest_departure(poses, time)
     if found.overlap < SURE_OVERLAP:

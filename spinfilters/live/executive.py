@@ -24,8 +24,8 @@ from spinfilters.evaluation.filter_noise_tests import (
 )
 from spinfilters.filters.estimator import ProcessModel, UpdateReport
 from spinfilters.filters.measurement_prediction import predict_ahead
-from spinfilters.filters.noise_levels import SOURCES
 from spinfilters.filters.timeline import Epoch, Timeline, rehearse
+from spinfilters.io.disturbances import NAMES
 from spinfilters.live.answer import Answer, LiveSummary
 from spinfilters.live.filter_track import FilterTrack, HandOver, distance
 from spinfilters.live.live_options import LiveOptions, LiveSetup
@@ -158,7 +158,7 @@ def _noise(sums: Float[np.ndarray, "t 4"], epochs: int) -> str:
     name, (probability, test) = min(by_chance.items(), key=lambda item: item[1][0])
     if probability > FALSE_ALARM or test.ratio <= LARGEST_RATIO:
         return ""
-    what = f"disturbances of the {name}" if name in SOURCES else "errors of measurements"
+    what = f"disturbances of the {name}" if name in NAMES else "errors of measurements"
     when = f"the last {epochs} epochs" if epochs else "all epochs"
     return f"{what} in {when} are {np.sqrt(test.ratio):.2g} times as large as their noise explains"
 

@@ -145,7 +145,7 @@ def final_verdict(kept: KeptEpochs, settings: Settings, last: LastAnswer) -> Fin
     where the first epoch of the run is among the kept ones, for its frames are those of the first epoch.
     """
     chosen = replace(settings, estimators=(last.estimator,))
-    extent = ComparisonExtent(bounding=lambda found, _: list(found), rehearsing=lambda *_: None)
+    extent = ComparisonExtent(bounding=lambda found, _: list(found), rehearsing=None)
     try:
         comparison = compare_estimators(prepare(kept.dataset, chosen), chosen, lambda *_: None, extent=extent)
     except SpinfiltersError as error:

@@ -22,6 +22,7 @@ from spinfilters.core.attitude_expressions import (
 from spinfilters.core.errors import InputError
 from spinfilters.core.vectorised import VectorisedScan
 from spinfilters.core.working_time import built_property
+from spinfilters.io.disturbances import DISTURBANCES
 from spinfilters.models.rotation_integrator import (
     FEWEST,
     IntegrationError,
@@ -78,7 +79,7 @@ class BatchedLinearisation:
         here: Float[np.ndarray, "k m"],
         there: Float[np.ndarray, "k m"],
         dt: Float[np.ndarray, " k"],
-        densities: Float[np.ndarray, " 2"],
+        densities: Float[np.ndarray, " p"],
         about: Float[np.ndarray, "k m"] | None = None,
     ) -> LinearisedSteps:
         """Defects, error transitions and noise factors of steps; see `TorqueFreeProcess.linearise_steps`.
@@ -110,7 +111,7 @@ class BatchedLinearisation:
                 )
         return LinearisedSteps(defect, transition, noise)
 
-    def _linearise_evenly(self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]) -> LinearisedSteps:
+    def _linearise_evenly(self, steps: "StepBatch", densities: Float[np.ndarray, " p"]) -> LinearisedSteps:
         """`linearise` with as many substeps for all as the longest turn needs."""
         here, dt = steps.here, steps.dt[:, None]
         count = self._integrator.count_at(float(steps.speeds.max()), float(dt.max())) if len(here) else 0
@@ -139,7 +140,7 @@ class BatchedLinearisation:
 
     def _inputs(self) -> list[Expression]:
         points = [ca.SX.sym(name, self._layout.mean_dim) for name in ("here", "there", "about")]
-        return [*points, ca.SX.sym("dt"), ca.SX.sym("h"), ca.SX.sym("psd", 2)]
+        return [*points, ca.SX.sym("dt"), ca.SX.sym("h"), ca.SX.sym("psd", len(DISTURBANCES))]
 
     def _begin_rotation(self, here: Expression, about: Expression) -> list[Expression]:
         """The first state, and the constants of the rotation of both."""

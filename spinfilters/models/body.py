@@ -242,7 +242,9 @@ def bodies_of(
     drag, drag_std = _block(layout, DRAG, mean, factor)
     return BodyHistory(
         time=time,
-        **by_stretches(len(time), lambda rows: _inertias(layout, mean[rows], factor[rows], intervals)),
+        **by_stretches(
+            len(time), lambda rows: _inertias(layout, mean[rows], factor[rows], intervals), factor
+        ),
         center_of_mass_g=centre,
         center_of_mass_std=centre_std,
         drag=None if drag is None else drag[:, 0],

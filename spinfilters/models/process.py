@@ -10,14 +10,15 @@ To add to the model:
   such as a field;
 - a force is a term of `RotationSubsteps.translated` in that file, which moves the centre of mass in filters, smoother and
   simulation. Repeat it in `derivative`, else verdict and observability analyser miss it;
-- a white disturbance is a field of `ProcessNoise` and a part of the noise factor G in that file. All other places are in
-  docs/how-to/add-a-disturbance.md;
+- a white disturbance is an entry of `spinfilters.io.disturbances.DISTURBANCES`, and its part of the noise factor G in
+  `RotationSubsteps.assemble` of that file;
 - a block that drifts, such as a Markov bias, decays in `RotationSubsteps.translated` and in `derivative`. Its drive is a white
   disturbance.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, make_dataclass
 from functools import cache, lru_cache
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -28,6 +29,7 @@ from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
 from spinfilters.core.mass_distribution import inertia
 from spinfilters.core.working_time import building
+from spinfilters.io.disturbances import DENSITIES, DISTURBANCES, noise_columns
 from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.rotation_integrator import (
     ACCELERATION_TERMS,
@@ -39,12 +41,7 @@ from spinfilters.models.rotation_integrator import (
     substeps,
     turns,
 )
-from spinfilters.models.state_blocks import (
-    ACCELERATION,
-    ATTITUDE,
-    RATE,
-    VELOCITY,
-)
+from spinfilters.models.state_blocks import ACCELERATION, ATTITUDE
 from spinfilters.models.state_layout import StateLayout
 
 SMALLEST_SQUARE = 1e-300
@@ -54,29 +51,41 @@ MOST_SUBSTEPS, USUAL_SUBSTEPS = 1 << 17, 64
 initialisation integrates a motion up to a hundred times."""
 
 
+if TYPE_CHECKING:
+
+    @dataclass(frozen=True)
+    class _NoiseDensities:
+        force_psd: float = 4e-8
+        torque_psd: float = 1e-6
+
+else:
+    _NoiseDensities = make_dataclass(
+        "_NoiseDensities",
+        [(each.option, float, field(default=each.mild)) for each in DISTURBANCES],
+        frozen=True,
+    )
+
+
 @dataclass(frozen=True)
-class ProcessNoise:
+class ProcessNoise(_NoiseDensities):
     """Densities of the white disturbances; each at least 0.
 
-    Attributes
-    ----------
-    force_psd : float
-        Of the acceleration of the centre of mass, (m/s^2)^2/Hz.
-    torque_psd : float
-        Of the angular acceleration, (rad/s^2)^2/Hz.
+    Every one of `spinfilters.io.disturbances.DENSITIES` is a field: ``force_psd`` of the acceleration of the centre of mass,
+    (m/s^2)^2/Hz, and ``torque_psd`` of the angular acceleration, (rad/s^2)^2/Hz.
     """
 
-    force_psd: float = 4e-8
-    torque_psd: float = 1e-6
-
     def __post_init__(self) -> None:
-        for name in ("force_psd", "torque_psd"):
-            value = getattr(self, name)
+        for name, value in self.densities.items():
             if not (np.isfinite(value) and value >= 0):
                 raise InputError(f"{name} is {value}; give a finite density of at least 0")
 
+    @property
+    def densities(self) -> dict[str, float]:
+        """Every density by its key."""
+        return {name: getattr(self, name) for name in DENSITIES}
 
-THESIS_NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
+
+THESIS_NOISE = ProcessNoise(**{name: each.default for name, each in DENSITIES.items()})
 """Disturbances of the thesis' experiment (Tweddle 2013, Eqs 6.14 and 6.15, which are roots of densities: 0.001 (m/s^2)/sqrt(Hz),
 0.001 (rad/s^2)/sqrt(Hz))."""
 
@@ -147,9 +156,6 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     return layout.pack(rates)
 
 
-DISTURBED_BLOCKS = (RATE.name, VELOCITY.name)
-"""Blocks on which white disturbances act, where a layout has them, in the order of `DisturbedSteps.disturbed_components`: one
-density for each, equal along the axes in which the block's numbers are."""
 INTERVALS_PER_CALL = 16
 """Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
 
@@ -254,8 +260,7 @@ class TorqueFreeProcess:
         dt : float
             Duration of a step, s; positive.
         normal : Float[np.ndarray, 'n *batch 2 b']
-            Independent standard normals before and after each step: of the body rate, then of the velocity if
-            there is one.
+            Independent standard normals before and after each step, in the columns of `impulse_columns`.
 
         Returns
         -------
@@ -310,9 +315,14 @@ class TorqueFreeProcess:
         return self._disturbed.paths(x, h, scale * normal)
 
     @property
+    def impulse_columns(self) -> dict[str, slice]:
+        """Components of a step's impulses, by disturbance: those of the body rate, then of the velocity if there is one."""
+        return self._disturbed.impulse_columns
+
+    @property
     def disturbed_dim(self) -> int:
-        """Components of a state that white disturbances act on."""
-        return len(self._disturbed.disturbed_components)
+        """Components of the impulses that white disturbances give in a step."""
+        return self._disturbed.impulse_dim
 
     def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
         """Step of dt s with error transition and noise factor.
@@ -419,22 +429,25 @@ class TorqueFreeProcess:
         return factor @ factor.T
 
     @property
-    def _densities(self) -> Float[np.ndarray, " 2"]:
-        """(force_psd, torque_psd), the order of ``densities`` in `RotationIntegrator.linearise`."""
-        return np.array([self.noise.force_psd, self.noise.torque_psd])
+    def _densities(self) -> Float[np.ndarray, " p"]:
+        """In the order of the table, as ``densities`` of `RotationIntegrator.linearise`."""
+        return np.array(list(self.noise.densities.values()))
 
     @property
     def _disturbed_densities(self) -> Float[np.ndarray, " b"]:
-        """Density of each component of `DisturbedSteps.disturbed_components`: the rate comes before the velocity there."""
-        psd_of_block = {RATE.name: self.noise.torque_psd, VELOCITY.name: self.noise.force_psd}
-        return np.repeat([psd_of_block[block] for block in DISTURBED_BLOCKS], 3)[: self.disturbed_dim]
+        """Density of each component of the impulses."""
+        psd, columns = self.noise.densities, self.impulse_columns.items()
+        return np.concatenate([np.full(at.stop - at.start, psd[_NAMED[name].option]) for name, at in columns])
+
+
+_NAMED = {each.name: each for each in DISTURBANCES}
 
 
 class DisturbedSteps:
     """Disturbed steps of one or many states, integrated by a `RotationIntegrator`.
 
     Half a step's white disturbance acts before each step, half after it (Strang splitting), each as an impulse: a jump of the
-    body rate and of the velocity.
+    numbers of its block, such as the body rate or the velocity, along the axes in which these are.
     """
 
     def __init__(self, layout: StateLayout, integrator: RotationIntegrator) -> None:
@@ -443,11 +456,18 @@ class DisturbedSteps:
         self._compiled_steps = lru_cache(maxsize=None)(self._build)
 
     @property
-    def disturbed_components(self) -> list[int]:
-        """Indices, within a state, of the components that disturbances act on, block after block."""
-        every = np.arange(self._layout.mean_dim)
-        blocks = (block for block in DISTURBED_BLOCKS if block in self._layout.blocks)
-        return np.concatenate([every[self._layout.mean_slice(block)] for block in blocks]).tolist()
+    def impulse_columns(self) -> dict[str, slice]:
+        """Components of the impulses that belong to each disturbance, one an axis."""
+        places, end = {}, 0
+        for name in noise_columns(self._layout.blocks):
+            places[name] = slice(end, end + len(_NAMED[name].axes))
+            end = places[name].stop
+        return places
+
+    @property
+    def impulse_dim(self) -> int:
+        """Components of the impulses."""
+        return max(at.stop for at in self.impulse_columns.values())
 
     def run(
         self, x: Float[np.ndarray, "*batch m"], h: float, impulses: Float[np.ndarray, "n *batch 2 b"]
@@ -457,7 +477,7 @@ class DisturbedSteps:
         Parameters
         ----------
         impulses : Float[np.ndarray, 'n *batch 2 b']
-            What is added to the `disturbed_components` components before and after each step.
+            What each disturbance adds to its block before and after each step, in `impulse_columns`.
         """
         flat = impulses.reshape(*impulses.shape[:-2], -1)
         columns = flat[0] if len(flat) == 1 else np.moveaxis(flat, 0, -1)  # one column is a vector
@@ -513,15 +533,18 @@ class DisturbedSteps:
 
         Outputs: the last point, or those after every ``kept`` steps, one a column; and the largest integration error of a step.
         """
-        into = ca.DM.zeros(self._layout.mean_dim, len(self.disturbed_components))
-        into[self.disturbed_components, :] = ca.DM.eye(len(self.disturbed_components))
+        dim = self.impulse_dim
+        into = ca.DM.zeros(self._layout.mean_dim, dim)
+        for name, at in self.impulse_columns.items():  # rows of the block's axes, columns of the disturbance
+            first = self._layout.mean_slice(_NAMED[name].block).start
+            into[[first + axis for axis in _NAMED[name].axes], at] = ca.DM.eye(at.stop - at.start)
         into = ca.sparsify(into)
         x, h = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("h")
-        impulse = ca.MX.sym("impulse", 2 * len(self.disturbed_components))
-        before, behind = ca.vertsplit(impulse, len(self.disturbed_components))
+        impulse = ca.MX.sym("impulse", 2 * dim)
+        before, behind = ca.vertsplit(impulse, dim)
         moved, error = self._integrator.expressions.step(count)(x + into @ before, h)
         one = ca.Function("disturbed_step", [x, h, impulse], [moved + into @ behind, error])
-        impulses = ca.MX.sym("impulses", 2 * len(self.disturbed_components), steps)
+        impulses = ca.MX.sym("impulses", 2 * dim, steps)
         every, errors = one.mapaccum("disturbed", steps)(x, ca.repmat(h, 1, steps), impulses)
         points = every[:, -1] if kept is None else every[:, kept - 1 :: kept]
         name = f"disturbed_{steps}_{count}" + ("" if kept is None else f"_{kept}")

@@ -24,6 +24,7 @@ from spinfilters.core.attitude_expressions import (
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError, SpinfiltersError
 from spinfilters.core.working_time import building
+from spinfilters.io.disturbances import DISTURBANCES, WHITE_FORCE, WHITE_TORQUE, noise_columns, noise_dim
 from spinfilters.models.state_blocks import ACCELERATION, DRAG, LINEAR_DRAG, MASS_DISTRIBUTION, ROTOR, TORQUE
 from spinfilters.models.state_layout import StateLayout
 
@@ -151,7 +152,8 @@ class RotationSubsteps:
 
     def linearised_step(self, count: int) -> ca.Function:
         """(x, dt, densities) to the point after dt, its error, transition and noise factor."""
-        x, dt, densities = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt"), ca.MX.sym("psd", 2)
+        x, dt = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("dt")
+        densities = ca.MX.sym("psd", len(DISTURBANCES))
         values = self._layout.unpack(x)
         constants, start = rotation_parameters(self._layout, values), ca.vertcat(values["q"], values["w"])
         sums = ca.vertcat(start, ca.DM.eye(6)[:], ca.DM.zeros(6 * self._parameter_count), ca.DM.zeros(36))
@@ -194,34 +196,36 @@ class RotationSubsteps:
     def assemble(self) -> ca.Function:
         """Whole state, transition and noise factor from those of the rotation, differentiated through the translation.
 
-        ``d`` is the error of the state before the step, ``e`` the noise of the step: (a, w) of the rotation, then (position,
-        velocity) of the centre of mass, which a state without translation does not have.
+        ``d`` is the error of the state before the step, ``e`` the noise of the step, with the columns of each disturbance in
+        `noise_columns`: (a, w) of the torque, (position, velocity of the centre of mass) of the force, which a state without
+        translation does not have. A further disturbance adds its part of e here, and to ``roots`` the factor of that part's
+        covariance at density 1.
         """
         layout, n = self._layout, self._parameter_count
-        x, dt, psd = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("dt"), ca.SX.sym("psd", 2)
+        columns = noise_columns(layout.blocks)
+        x, dt, psd = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("dt"), ca.SX.sym("psd", len(DISTURBANCES))
         moved, noise = ca.SX.sym("u", 43 + 6 * n), ca.SX.sym("Q", 6, 6)
-        d, e = ca.SX.sym("d", layout.error_dim), ca.SX.sym("e", 12)
+        d, e = ca.SX.sym("d", layout.error_dim), ca.SX.sym("e", noise_dim(layout.blocks))
         Psi, Theta = ca.reshape(moved[7:43], 6, 6), ca.reshape(moved[43:], 6, n)
         after = self.translated(layout.unpack(x), moved[:4], moved[4:7], dt)
         turned = Psi @ ca.vertcat(d[layout.slice("a")], d[layout.slice("w")])
         constants = rotation_parameters(layout, layout.unpack(layout.retract_expression(x, d)))
         turned += Theta @ (ca.substitute(ca.jacobian(constants, d), d, 0) @ d)
-        rotation = _rotation_retract(moved[:7], turned + e[:6])
+        rotation = _rotation_retract(moved[:7], turned + e[columns[WHITE_TORQUE.name]])
+        roots = {WHITE_TORQUE.name: ca.chol(noise).T}
         values = layout.unpack(layout.retract_expression(x, d))
         if layout.translates:
-            values = values | {"t": values["t"] + e[6:9]}
+            roots[WHITE_FORCE.name] = _double_integrator_root(dt)
+            values = values | {"t": values["t"] + e[columns[WHITE_FORCE.name]][:3]}
         shifted = layout.unpack(self.translated(values, rotation[:4], rotation[4:7], dt))
         if layout.translates:
-            shifted["v"] = shifted["v"] + e[9:12]
+            shifted["v"] = shifted["v"] + e[columns[WHITE_FORCE.name]][3:]
         error = layout.near_local_expression(after, layout.pack(shifted))
         zero = {"old": [d, e], "new": [ca.SX.zeros(*d.shape), ca.SX.zeros(*e.shape)]}
         transition = ca.substitute([ca.jacobian(error, d)], zero["old"], zero["new"])[0]
         entry = ca.substitute([ca.jacobian(error, e)], zero["old"], zero["new"])[0]
-        root = ca.sqrt(psd[1]) * ca.chol(noise).T
-        if layout.translates:
-            root = ca.diagcat(root, ca.sqrt(psd[0]) * _double_integrator_root(dt))
-        else:
-            entry = entry[:, :6]
+        density = {each.name: psd[k] for k, each in enumerate(DISTURBANCES)}
+        root = ca.diagcat(*(ca.sqrt(density[name]) * roots[name] for name in columns))
         return ca.Function("assemble", [x, dt, psd, moved, noise], [after, transition, entry @ root], SHARED)
 
 
@@ -314,8 +318,8 @@ class LinearisedLoops(NamedTuple):
         Columns of the noise factor.
     tolerance : float
         Bound on every component of that error.
-    densities : Float[np.ndarray, ' 2']
-        (2,) of the white noise.
+    densities : Float[np.ndarray, ' p']
+        (p,) of the white noise, in the order of `DISTURBANCES`.
     """
 
     limits: Float[np.ndarray, " c"]
@@ -323,7 +327,7 @@ class LinearisedLoops(NamedTuple):
     error_dim: int
     noise_dim: int
     tolerance: float
-    densities: Float[np.ndarray, " 2"]
+    densities: Float[np.ndarray, " p"]
 
 
 class RotationIntegrator:
@@ -398,7 +402,7 @@ class RotationIntegrator:
         return after
 
     def linearise(
-        self, x: Float[np.ndarray, " m"], dt: float, densities: Float[np.ndarray, " 2"]
+        self, x: Float[np.ndarray, " m"], dt: float, densities: Float[np.ndarray, " p"]
     ) -> LinearisedStep:
         """The step of dt > 0 seconds under white noise of these densities; see `TorqueFreeProcess.linearise`."""
         count = self.first_count(x, dt)
@@ -411,7 +415,7 @@ class RotationIntegrator:
     @property
     def noise_dim(self) -> int:
         """Columns of the noise factor: rotation (a, w), and where the state translates position and velocity."""
-        return 12 if self._layout.translates else 6
+        return noise_dim(self._layout.blocks)
 
     def speeds(self, x: Float[np.ndarray, "k m"]) -> Float[np.ndarray, " k"]:
         """|w| of many states, rad/s; infinite where it is beyond all numbers."""
@@ -459,7 +463,7 @@ class RotationIntegrator:
                 self._linearisers.setdefault(count, Compiled(self.expressions.linearised_step(count)))
         return self._linearisers[count]
 
-    def linearised_loops(self, densities: Float[np.ndarray, " 2"]) -> LinearisedLoops | None:
+    def linearised_loops(self, densities: Float[np.ndarray, " p"]) -> LinearisedLoops | None:
         """Compiled loops of `linearise` by substeps, those that were used so far; None without compiled code, or any use."""
         built = {count: each for count, each in self._linearisers.items() if each.loop is not None}
         if not built:

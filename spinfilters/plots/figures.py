@@ -26,6 +26,7 @@ from spinfilters.evaluation.estimated_motion import BodyRates, estimated_rates, 
 from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import value_text
+from spinfilters.io.output_files import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,6 +120,23 @@ class FigureEntry(ABC):
         """
         return (self.name,)
 
+    def shown_estimates(self, name: str, estimators: Sequence[str]) -> tuple[str, ...] | None:
+        """Estimators whose estimates alone the figure shows, so that it can be drawn as soon as these have ended.
+
+        Parameters
+        ----------
+        name : str
+            One of `names`.
+        estimators : sequence of str
+            Names of the estimators of the run.
+
+        Returns
+        -------
+        tuple[str, ...] or None
+            Their names; None where it shows more, such as verdicts, and is drawn when the whole run is written.
+        """
+        return None
+
     def lacks(self, shown: FigureData) -> str | None:
         """Noun for what the figure needs and a run lacks; None where it can be drawn.
 
@@ -173,6 +191,10 @@ class RatesFigure(FigureEntry):
     name, order = "rates", 1
     caption = "Body rates of every estimator over time, axes of g, with the true or measured ones."
 
+    def shown_estimates(self, name: str, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Those of all."""
+        return tuple(estimators)
+
     def draw(self, shown: FigureData, name: str) -> "Figure":
         """Body rates of all estimators and of the truth."""
         from spinfilters.plots.time_courses import rates_figure
@@ -189,6 +211,10 @@ class InertiaFigure(FigureEntry):
     name, order = "inertia", 2
     caption = "Principal moments of inertia of every estimator over time."
 
+    def shown_estimates(self, name: str, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Those of all."""
+        return tuple(estimators)
+
     def draw(self, shown: FigureData, name: str) -> "Figure":
         """Ratios of the principal moments over time."""
         from spinfilters.plots.summary import inertia_figure
@@ -201,6 +227,10 @@ class PolhodeFigure(FigureEntry):
 
     name, order = "polhode", 3
     caption = "Path of the body rate of the first estimator on its inertia ellipsoid."
+
+    def shown_estimates(self, name: str, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Those of the first."""
+        return (estimators[0],)
 
     def draw(self, shown: FigureData, name: str) -> "Figure":
         """Polhode of the first estimator's rates."""
@@ -218,6 +248,10 @@ class SceneFigure(FigureEntry):
     name, order = "scene", 4
     caption = "Path, principal axes and landmarks of the body before the camera, of the first estimator."
 
+    def shown_estimates(self, name: str, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Those of the first."""
+        return (estimators[0],)
+
     def draw(self, shown: FigureData, name: str) -> "Figure":
         """Path, principal axes and landmarks of the first estimator."""
         from spinfilters.plots.scene import scene_figure
@@ -232,6 +266,10 @@ class ConsistencyFigure(FigureEntry):
 
     name, order = "consistency", 5
     caption = "NEES and NIS of every estimator with their chi-square bands."
+
+    def shown_estimates(self, name: str, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Those of all."""
+        return tuple(estimators)
 
     def draw(self, shown: FigureData, name: str) -> "Figure":
         """NEES, NIS and their bands over time."""
@@ -250,6 +288,10 @@ class ErrorsFigure(FigureEntry):
         """One file for each estimator."""
         return tuple(f"{self.name}-{each}" for each in estimators)
 
+    def shown_estimates(self, name: str, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Those of one."""
+        return tuple(each for each in estimators if name == f"{self.name}-{each}")
+
     def draw(self, shown: FigureData, name: str) -> "Figure":
         """Errors of one estimator with bands of its standard deviations."""
         from spinfilters.plots.time_courses import error_bands_figure
@@ -267,6 +309,10 @@ class EnergyFigure(FigureEntry):
     def lacks(self, shown: FigureData) -> str | None:
         """A truth."""
         return "truth" if shown.dataset.truth is None else None
+
+    def shown_estimates(self, name: str, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Those of all."""
+        return tuple(estimators)
 
     def draw(self, shown: FigureData, name: str) -> "Figure":
         """Energies of all estimators and of the truth."""
@@ -319,6 +365,34 @@ def picture_files(estimators: Sequence[str]) -> list[str]:
     return [f"{name}.png" for entry in figure_entries() for name in _names_of(entry, estimators)]
 
 
+def early_pictures(
+    estimators: Sequence[str], made: Sequence[str]
+) -> Iterator[tuple[tuple[str, ...], list[str]]]:
+    """Files of figures that show estimates alone, of those estimators of a run that have made theirs.
+
+    Parameters
+    ----------
+    estimators : sequence of str
+        Names of all estimators of the run.
+    made : sequence of str
+        Names of those that have ended.
+
+    Yields
+    ------
+    tuple[str, ...]
+        Estimators that these figures show.
+    list of str
+        Names of PNG files.
+    """
+    found: dict[tuple[str, ...], list[str]] = {}
+    for entry in figure_entries():
+        for name in _names_of(entry, estimators):
+            shown = entry.shown_estimates(name, estimators)
+            if shown and set(shown) <= set(made):
+                found.setdefault(shown, []).append(f"{name}.png")
+    yield from found.items()
+
+
 def _names_of(entry: FigureEntry, estimators: Sequence[str]) -> tuple[str, ...]:
     """Names of the files of an entry's figures. InputError: a plug-in's that are no such names."""
     names = require_made(entry.names(estimators), tuple, f"names of the figure {entry.name!r}")
@@ -358,17 +432,27 @@ def draw_run(
     list of str
         Names of the files that were drawn.
     """
-    from spinfilters.plots.style import draw_figure
+    names = []
+    for name, content in drawn_pictures(figure_data, progress, wanted):
+        write_bytes(folder / name, content)
+        names.append(name)
+    return names
 
-    every = {f"{name}.png": draw for name, draw in _figures(figure_data)}
-    figures = {name: draw for name, draw in every.items() if wanted is None or name in wanted}
+
+def drawn_pictures(
+    figure_data: FigureData, progress: Callable[[int, int], None], wanted: Container[str] | None = None
+) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of all or the wanted PNG files of a run, each drawn when it is asked for; arguments as of `draw_run`."""
+    from spinfilters.plots.style import drawn_png
+
+    every = [(f"{name}.png", draw) for name, draw in _figures(figure_data)]
+    figures = [(name, draw) for name, draw in every if wanted is None or name in wanted]
     with _searched_behind_figures():
-        for index, (name, draw) in enumerate(figures.items()):
+        for index, (name, draw) in enumerate(figures):
             progress(index, len(figures))
-            draw_figure(draw, folder / name)
+            yield name, drawn_png(draw, Path(name).stem)
             gc.collect()  # a figure is a knot of references that would wait for the next ones
     progress(len(figures), len(figures))
-    return list(figures)
 
 
 @contextmanager

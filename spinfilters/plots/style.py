@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float, Int
+from matplotlib import __version__ as matplotlib_version
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -21,6 +22,7 @@ from matplotlib.patches import Patch
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.io.input_file import reason
 from spinfilters.io.output_files import write_bytes
+from spinfilters.plots.png_file import png_bytes
 
 BLUE: Final[str] = "#0072B2"
 RED: Final[str] = "#D55E00"
@@ -53,9 +55,11 @@ _DASHES: Final[tuple[tuple[float, tuple[float, ...]], ...]] = (
 MOST_DRAWN: Final[int] = 8000
 """Points of a curve: four times as many as a picture has columns."""
 _DPI = 150
-_COMPRESSION = 3  # of PNG files; half the time of the usual 6
+_DRAWN_BY: Final = f"Matplotlib version{matplotlib_version}, https://matplotlib.org/"
 _MAKE_TICKS: Final = "_update_ticks"
 """Method of an axis that makes its ticks."""
+_MEASURE_LABELS: Final = "_get_ticklabel_bboxes"
+"""Method of an axis that measures the labels of ticks."""
 _LETTER_INCHES, _HANDLE_INCHES = 0.078, 0.75  # of a legend's entries at the default font size
 
 
@@ -384,12 +388,30 @@ def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
     path : Path
         Of the PNG file.
     """
-    figure = drawn(draw, path.stem)
+    write_bytes(path, drawn_png(draw, path.stem))
+
+
+def drawn_png(draw: Callable[[], Figure], name: str) -> bytes:
+    """The figure as the content of a PNG file, or a note with its name where it cannot be drawn.
+
+    Parameters
+    ----------
+    draw : Callable[[], Figure]
+        Makes the figure.
+    name : str
+        What the note says could not be drawn.
+
+    Returns
+    -------
+    bytes
+        Content of the file.
+    """
+    figure = drawn(draw, name)
     try:
         with np.errstate(all="ignore"):
-            save_figure(figure, path)
+            return picture_bytes(figure, "png", dpi=_DPI)
     except NUMERICAL_ERRORS as error:
-        save_figure(_undrawable_figure(path.stem, error), path)
+        return picture_bytes(_undrawable_figure(name, error), "png", dpi=_DPI)
 
 
 def drawn(draw: Callable[[], Figure], name: str) -> Figure:
@@ -485,7 +507,9 @@ def _draw_png(figure: Figure, target: BytesIO, dpi: float | None = None) -> None
     own = figure.dpi
     try:
         figure.dpi = own if dpi is None else dpi
-        FigureCanvasAgg(figure).print_png(target, pil_kwargs={"compress_level": _COMPRESSION})
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        target.write(png_bytes(np.asarray(canvas.buffer_rgba()), figure.dpi, {"Software": _DRAWN_BY}))
     finally:
         figure.dpi = own
 
@@ -502,23 +526,33 @@ def _with_kept_ticks(figure: Figure) -> Iterator[None]:
         yield
     finally:
         for axis in axes_of:
-            vars(axis).pop(_MAKE_TICKS, None)
+            for method in (_MAKE_TICKS, _MEASURE_LABELS):
+                vars(axis).pop(method, None)
 
 
 def _keep_ticks(axis: Axis) -> None:
-    """Let an axis keep its ticks while its limits and its panel's place stay."""
-    update, ticks = getattr(axis, _MAKE_TICKS, None), dict[tuple[float, ...], Any]()
-    if update is None:  # another matplotlib: it draws all the same
+    """Let an axis keep its ticks, and the boxes of their labels, while its limits and its panel's place stay."""
+    update, measure = getattr(axis, _MAKE_TICKS, None), getattr(axis, _MEASURE_LABELS, None)
+    if update is None or measure is None:  # another matplotlib: it draws all the same
         return
+    ticks, boxes = dict[tuple[float, ...], Any](), dict[int, Any]()
 
     def kept() -> Any:
         key = (*axis.get_view_interval(), *axis.axes.bbox.bounds)
         if key not in ticks:
             ticks.clear()  # ticks are objects of the axis, which the next ones move
+            boxes.clear()
             ticks[key] = update()
         return ticks[key]
 
-    vars(axis)[_MAKE_TICKS] = kept
+    def measured(given: Any, renderer: Any) -> Any:
+        if not any(given is each for each in ticks.values()):
+            return measure(given, renderer)
+        if id(renderer) not in boxes:
+            boxes[id(renderer)] = measure(given, renderer)
+        return boxes[id(renderer)]
+
+    vars(axis)[_MAKE_TICKS], vars(axis)[_MEASURE_LABELS] = kept, measured
 
 
 def _legend_width(widths: Sequence[float], rows: int) -> float:

@@ -15,9 +15,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.large_arrays import release_pages
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory, checked_epochs
 from spinfilters.io.input_file import ignored_warnings, path_text, reason, require_file
 from spinfilters.io.output_files import atomic_file
+from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.models.status import ALL, OWN_STATUS, EstimatorStatus, Finding, Holds, Verdict
 
@@ -27,6 +29,8 @@ MOST_ARRAYS, LARGEST_RATIO, SMALL = 10_000, 50, 1 << 20
 """Bounds of what a file unpacks to: histories shrink to a third when packed, a bomb to a thousandth."""
 PIECE = 1 << 17
 """Elements of an array that are written at a time."""
+RELEASED = 8
+"""Pieces behind which an array in a file gives its memory back."""
 KINDS = "biufU"
 """Kinds of elements that a file may hold: truth values, numbers and words, never objects."""
 
@@ -69,8 +73,10 @@ def _write_array(member: IO[bytes], array: np.ndarray) -> None:
     header = np.lib.format.header_data_from_array_1_0(array)
     np.lib.format.write_array_header_1_0(member, header)
     flat = array.reshape(-1, order="F" if header["fortran_order"] else "C")
-    for start in range(0, len(flat), PIECE):
+    for number, start in enumerate(range(0, len(flat), PIECE)):
         member.write(flat[start : start + PIECE].tobytes())
+        if number % RELEASED == 0:
+            release_pages(array)
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -119,6 +125,8 @@ def _array(data: bytes) -> np.ndarray:
 FINDINGS, HOLDS = "findings", "holds"
 INITIALISATION, OBSERVATIONS, CALIBRATION = "initialisation", "observations", "calibration"
 """Keys that files of older versions do not have, nor `FINDINGS` and `HOLDS`, and the last not those of an exact calibration."""
+MASS_POINTS, MASS_WEIGHTS, MASS_FIT = "mass_points", "mass_weights", "mass_fit"
+"""Samples of the mass distribution, their weights, and how the Gaussian belief fits them; of files with samples."""
 
 
 def write_history(path: Path, history: EstimateHistory) -> None:
@@ -137,6 +145,9 @@ def write_history(path: Path, history: EstimateHistory) -> None:
         epochs[OBSERVATIONS] = history.observations
     if history.calibration is not None:
         epochs[CALIBRATION] = history.calibration
+    if history.mass is not None:
+        epochs[MASS_POINTS], epochs[MASS_WEIGHTS] = history.mass.points, history.mass.weights
+        epochs[MASS_FIT] = np.array([history.mass.gaussian_shape, history.mass.gaussian_nees])
     write_arrays(path, {**arrays, **epochs, **words}, ZIP_DEFLATED)
 
 
@@ -161,7 +172,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         if not (np.isfinite(numbers["time"]).all() and (np.diff(numbers["time"]) > 0).all()):
             raise ValueError("its time does not run forwards")
         initialisation, observations = _initialisation(arrays, numbers), _observations(arrays, numbers)
-        calibration = _calibration(arrays, numbers)
+        calibration, mass = _calibration(arrays, numbers), _mass(arrays)
     except DAMAGED as error:
         raise unusable(path, "history of a run", error, cure) from None
     return EstimateHistory(
@@ -172,7 +183,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         observations=observations,
         noise=(),
         calibration=calibration,
-        mass=None,
+        mass=mass,
         posterior=None,
         **numbers,
     )
@@ -268,3 +279,17 @@ def _calibration(
     if told.ndim != 3 or told.shape[:2] != numbers["factor"].shape[:2] or told.dtype.kind != "f":
         raise ShapeError(f"{CALIBRATION} is {told.dtype} of shape {told.shape}, expected a matrix per epoch")
     return told
+
+
+def _mass(arrays: Mapping[str, np.ndarray]) -> MassSamples | None:
+    """Samples of the mass distribution; None where the file does not hold them. Raises KeyError, ShapeError."""
+    points = arrays.get(MASS_POINTS)
+    if points is None:
+        return None
+    weights, fit = arrays[MASS_WEIGHTS], arrays[MASS_FIT]
+    shapes = points.shape[1:], weights.shape, fit.shape
+    if shapes != ((5,), points.shape[:1], (2,)) or not np.isfinite(points).all() or not weights.sum() > 0:
+        raise ShapeError(
+            f"its samples of the mass distribution are of shapes {points.shape}, {shapes[1]}, {shapes[2]}"
+        )
+    return MassSamples(points, weights, float(fit[0]), float(fit[1]))

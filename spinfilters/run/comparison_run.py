@@ -15,8 +15,8 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.output_files import made_folder
 from spinfilters.plots.figures import FigureData, draw_run, picture_files
 from spinfilters.run.checkpoints import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
-from spinfilters.run.estimation import Comparison, Progress, compare_estimators
-from spinfilters.run.picture_process import PictureProcess, draw_together, picture_processes
+from spinfilters.run.estimation import Comparison, ComparisonExtent, Progress, compare_estimators
+from spinfilters.run.picture_process import EarlyPictures, draw_together, picture_processes
 from spinfilters.run.preparation import prepare
 from spinfilters.run.run_folder import (
     REPORT_FILE,
@@ -166,8 +166,11 @@ def _compare_and_write(
     dataset: Dataset, settings: Settings, output: RunOutput, report: Progress
 ) -> WrittenRun:
     """Run, write and draw in a locked folder, from its checkpoints when resuming."""
-    with picture_processes(output.with_figures) as processes:  # they load what draws meanwhile
-        return _estimate_and_write(dataset, settings, output, report, processes)
+    with (
+        picture_processes(output.with_figures) as processes,  # they load what draws meanwhile
+        EarlyPictures(processes, settings.estimators) as early,
+    ):
+        return _estimate_and_write(dataset, settings, output, report, early)
 
 
 def _estimate_and_write(
@@ -175,19 +178,20 @@ def _estimate_and_write(
     settings: Settings,
     output: RunOutput,
     report: Progress,
-    processes: Sequence[PictureProcess],
+    early: EarlyPictures,
 ) -> WrittenRun:
     folder, optional_outputs = output.folder, output.optional_outputs
     setup = _initialised(dataset, settings, report)
     if optional_outputs is not None:
         optional_outputs.check(setup, settings)
-    comparison = compare_estimators(setup, settings, report, _checkpoints(output, setup, settings))
+    extent = ComparisonExtent(on_estimate=early.take)
+    comparison = compare_estimators(setup, settings, report, _checkpoints(output, setup, settings), extent)
     written = WrittenRun(comparison, write_run(folder, comparison, settings))
     if comparison.interrupted:  # by Ctrl-C: no figures of a part
         return written
     figure_data = figure_data_of(comparison) if output.with_figures else None
-    if figure_data is not None and processes:
-        draw_together(figure_data, folder, _figure_progress(report), processes)
+    if figure_data is not None and early.processes:
+        draw_together(figure_data, folder, _figure_progress(report), early)
     elif figure_data is not None:
         _draw(folder, figure_data, report)
     try:

@@ -14,6 +14,7 @@ from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.inference.identified_noise import smallest_level
 from spinfilters.inference.setup import Setup
 from spinfilters.io.consider_parameter import ConsideredDeviation
+from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.truth import Truth
@@ -141,7 +142,6 @@ def _noise(values: Float[np.ndarray, "n 3"]) -> float:
 
 
 STATED, IDENTIFIED, PRIOR = "stated", "identified", "prior"
-FORCE_UNIT, TORQUE_UNIT = "(m/s^2)^2/Hz", "(rad/s^2)^2/Hz"
 ROUNDING = 1 + 1e-6
 MOST_LINES, LONGEST = 8, 240
 """Of sentences that are read from a file."""
@@ -336,12 +336,11 @@ def _sensor_noise(stream: MeasurementStream, setup: Setup) -> Iterator[StatedNoi
 
 
 def _disturbances(setup: Setup) -> Iterator[StatedNoise]:
-    noise = setup.process.noise
-    if setup.process.layout.translates:
-        force = StatedNoise("force_psd", "force", noise.force_psd, FORCE_UNIT, _source("force_psd", setup))
-        yield force.identified(setup.identified)
-    torque = StatedNoise("torque_psd", "torque", noise.torque_psd, TORQUE_UNIT, _source("torque_psd", setup))
-    yield torque.identified(setup.identified)
+    for name, psd in setup.process.noise.densities.items():
+        each = DENSITIES[name]
+        if each.block in setup.process.layout.blocks:
+            stated = StatedNoise(name, each.name, psd, each.allowed.unit, _source(name, setup))
+            yield stated.identified(setup.identified)
 
 
 def _source(name: str, setup: Setup) -> str:

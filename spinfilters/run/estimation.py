@@ -10,7 +10,7 @@ pages. This package, `run`, calls them for one recording and writes its folder. 
 Where one more of a kind belongs (a sensor, an estimator, a metric) is one table in docs/reference/packages.md.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -35,7 +35,7 @@ from spinfilters.models.status import EstimatorStatus
 from spinfilters.run.checkpoints import StoreOf, no_checkpoints
 from spinfilters.run.conditions import Conditions, conditions_of
 from spinfilters.run.estimators import estimator_entries
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.smoother.mass_posterior import leaves_one_direction_open
 from spinfilters.verdict.calibration_errors import CalibrationErrors
 from spinfilters.verdict.doubts import doubts_of, evaluated, with_verdicts
@@ -80,6 +80,14 @@ class Comparison:
         return conditions_of(self.setup)
 
 
+OnEstimate = Callable[[Setup, Sequence[Evaluation], Mapping[str, np.ndarray]], None]
+"""Called with the setup, the evaluations so far, whose verdicts are still to come, and their maps."""
+
+
+def not_watched(_setup: Setup, _evaluations: Sequence[Evaluation], _maps: Mapping[str, np.ndarray]) -> None:
+    """Nothing behind an estimator."""
+
+
 @dataclass(frozen=True)
 class ComparisonExtent:
     """Optional work of a comparison besides estimation and verdict.
@@ -88,12 +96,16 @@ class ComparisonExtent:
     ----------
     bounding : Bounding
         Adds the bounds to the errors.
-    rehearsing : Rehearsing
-        Runs a second copy of an estimator first, so that compiled code is ready before its run time is measured.
+    rehearsing : Rehearsing or None
+        Runs a second copy of an estimator first, so that compiled code is ready before its run time is measured; None where nobody
+        looks at run times, and no copy is made.
+    on_estimate : OnEstimate
+        Called behind every estimator, before the verdicts.
     """
 
     bounding: Bounding = with_bounds
-    rehearsing: Rehearsing = rehearse
+    rehearsing: Rehearsing | None = rehearse
+    on_estimate: OnEstimate = not_watched
 
 
 @dataclass(frozen=True)
@@ -102,7 +114,7 @@ class _RunObservers:
 
     progress: Progress
     store_of: StoreOf
-    rehearsing: Rehearsing
+    rehearsing: Rehearsing | None
 
 
 def build_estimator(name: str, setup: Setup, settings: Settings) -> Estimator:
@@ -168,6 +180,7 @@ def compare_estimators(
                 maps[name] = points[np.isfinite(points).all(axis=1)]
             if interrupted:
                 break
+            extent.on_estimate(setup, evaluations, maps)
     except KeyboardInterrupt:
         if not evaluations:
             raise
@@ -175,7 +188,8 @@ def compare_estimators(
     baselines = frozenset(name for name, entry in entries.items() if entry.is_baseline)
     if not interrupted:
         evaluations = _with_sampled_moments(evaluations, setup, settings, entries)
-    doubts = doubts_of(evaluations, setup, settings, baselines)
+    untested = frozenset(name for name, entry in entries.items() if not entry.tests_noise)
+    doubts = doubts_of(evaluations, setup, settings, baselines, untested)
     with_verdict = with_posterior_distances(with_verdicts(doubts, settings, entries))
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
@@ -221,11 +235,25 @@ def _fitting_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
     """Entries of all estimators. InputError: a chosen estimator cannot hold landmarks, and the data set has some."""
     entries = estimator_entries()
     without = [name for name in settings.estimators if not entries[name].holds_landmarks]
-    if without and setup.initial.has_landmarks:
+    if without and setup.maps_landmarks:
         holding = [name for name, entry in entries.items() if entry.holds_landmarks]
         raise InputError(
             f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv, for the bundled example "
             f"--known-map), or choose among {', '.join(holding)}"
+        )
+    if not (setup.is_given and setup.maps_landmarks):
+        return entries
+    smoothed = [name for name in settings.estimators if not entries[name].continues]
+    if smoothed:
+        raise InputError(
+            f"{', '.join(smoothed)}: begins with smoothed first epochs where landmarks are not known, not from a belief; leave it "
+            "out, as with --estimators mekf,ukf, or give the tracks' map (landmarks.csv)"
+        )
+    if settings.verdict != FILTER:
+        raise InputError(
+            "from a belief, filters that find the landmarks themselves are over-confident (by a third in the mean), and no "
+            "smoother shows it: use --verdict filter, whose estimates are degraded at best, give the tracks' map "
+            "(landmarks.csv), or leave the belief out"
         )
     return entries
 
@@ -241,8 +269,11 @@ def _run_estimator(
             on_epoch = lambda done, every: observers.progress(entry.name, done, every)  # noqa: E731
             return batch.smooth(setup.timeline, setup.initial, on_epoch), setup.map_points
         what = f"estimator {entry.name!r}"
-        estimator, twin = (require_made(entry.build(setup, settings), Estimator, what) for _ in range(2))
-        filtered, record = _run_epochs(entry, estimator, twin, setup, observers)
+        copies = 1 if observers.rehearsing is None else 2
+        estimator, *twins = (
+            require_made(entry.build(setup, settings), Estimator, what) for _ in range(copies)
+        )
+        filtered, record = _run_epochs(entry, estimator, twins, setup, observers)
         history = _final_history(entry, estimator, filtered, record, setup)
         history = replace(history, noise=entry.noise(estimator, history, setup))
         return history, entry.points(estimator, history, setup)
@@ -256,7 +287,7 @@ def _run_estimator(
 def _run_epochs(
     entry: AnyEntry,
     estimator: Estimator,
-    twin: Estimator,
+    twins: Sequence[Estimator],
     setup: Setup,
     observers: _RunObservers,
 ) -> tuple[EstimateHistory, GrowingHistory]:
@@ -264,8 +295,8 @@ def _run_epochs(
 
     Parameters
     ----------
-    twin : Estimator
-        A copy that runs first, so that compiled code is ready before the run time of ``estimator`` is measured.
+    twins : sequence of Estimator
+        A copy that runs first, so that compiled code is ready before the run time of ``estimator`` is measured, or none.
 
     Returns
     -------
@@ -289,9 +320,10 @@ def _run_epochs(
     observers.progress(name, len(record), len(rest))
     if checkpoint is not None and checkpoint.status is not None:
         return record.ended(name, checkpoint.status), record
-    if len(record) < len(rest):
-        begin_with_first_epoch(entry, twin, setup)
-        observers.rehearsing(twin, setup.end_of_initialisation, rest)
+    if len(record) < len(rest) and observers.rehearsing is not None:
+        for twin in twins:
+            begin_with_first_epoch(entry, twin, setup)
+            observers.rehearsing(twin, setup.end_of_initialisation, rest)
     with store.running(estimator, record) as save_checkpoint:
 
         def on_epoch(_: int) -> None:

@@ -1,7 +1,6 @@
 """What a run folder holds of a race: several inertias propagated from the last state of its first estimator."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 from types import MappingProxyType
 from typing import Final
@@ -16,7 +15,7 @@ from spinfilters.core.polhode import validate_principal_moments
 from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.evaluation.inertia_race import NamedInertia, PropagatedInertia, propagate_inertias
 from spinfilters.evaluation.prediction_errors import truth_in_frames_of
-from spinfilters.evaluation.reference_comparison import ReferenceComparison
+from spinfilters.evaluation.reference_comparison import MotionInFrames, ReferenceComparison
 from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.io.document import numbers
 from spinfilters.io.input_file import path_text, read_toml, value_text
@@ -73,20 +72,17 @@ def write_race(
     inertias = _inertias(names, good, truth)
     if not inertias:  # of estimators that failed
         return []
-    time, judge = stamps_ahead(first.history.time, seconds, np.empty(0)), None
-    for candidate in _judges(truth, references.get(first.name)):
-        stamps = stamps_ahead(first.history.time, seconds, candidate.time)
-        rows = _rows_at(candidate, np.r_[now, now + stamps])
+    time, reference = np.r_[0.0, stamps_ahead(first.history.time, seconds, np.empty(0))], None
+    for name, motion in _motions_to_compare_with(truth, references.get(first.name)):
+        stamps = stamps_ahead(first.history.time, seconds, motion.time)
+        rows = _rows_at(motion, np.r_[now, now + stamps])
         if rows is not None:
-            time, judge = candidate.time[rows] - now, candidate.at(rows)
+            chosen = motion.at(rows)
+            time, reference = chosen.time - now, PropagatedInertia(name, chosen.attitude, chosen.rate)
             break
-    else:
-        time = np.r_[0.0, time]
     found = propagate_inertias(inertias, attitude, rate, time)
-    reference, compared_with = found[0], found[0].name
-    if judge is not None:
-        reference = PropagatedInertia(judge.name, judge.attitude, judge.rate)
-        compared_with = TRUE_MOTION if judge.name == TRUTH else judge.name
+    reference = found[0] if reference is None else reference
+    compared_with = TRUE_MOTION if reference.name == TRUTH and reference is not found[0] else reference.name
     _write(folder, compared_with, time, found, reference, first.name)
     if not with_figures:
         (folder / RACE_PICTURE).unlink(missing_ok=True)  # of an earlier race
@@ -176,34 +172,21 @@ def _read_inertia(name: str, axes: Float[np.ndarray, "3 3"]) -> NamedInertia:
         raise InputError(f"{path_text(path)}: {error}") from None
 
 
-@dataclass(frozen=True)
-class _Judge:
-    """Motion that a race is compared with, in the frames of the first estimator; arrays as in `PropagatedInertia`."""
-
-    name: str
-    time: Float[np.ndarray, " n"]
-    attitude: Float[np.ndarray, "n 4"]
-    rate: Float[np.ndarray, "n 3"]
-
-    def at(self, rows: Int[np.ndarray, " m"]) -> "_Judge":
-        """Some rows of it."""
-        return _Judge(self.name, self.time[rows], self.attitude[rows], self.rate[rows])
-
-
-def _judges(truth: Truth | None, compared: ReferenceComparison | None) -> Iterator[_Judge]:
-    """The truth, then the reference."""
+def _motions_to_compare_with(
+    truth: Truth | None, compared: ReferenceComparison | None
+) -> Iterator[tuple[str, MotionInFrames]]:
+    """The truth, then the reference, each with its name, in the frames of the first estimator."""
     if truth is not None:
-        yield _Judge(TRUTH, truth.time, truth.q_ig, rotate(inverse(truth.q_ig), truth.rate_i))
+        yield TRUTH, MotionInFrames(truth.time, truth.q_ig, rotate(inverse(truth.q_ig), truth.rate_i))
     found = None if compared is None else compared.motion_in_estimate_frames()
     if compared is not None and found is not None:
-        name = PurePath(compared.reference.name).name
-        yield _Judge(name, found.time, found.attitude, found.rate)
+        yield PurePath(compared.reference.name).name, found
 
 
-def _rows_at(judge: _Judge, time: Float[np.ndarray, " k"]) -> Int[np.ndarray, " m"] | None:
+def _rows_at(motion: MotionInFrames, time: Float[np.ndarray, " k"]) -> Int[np.ndarray, " m"] | None:
     """Rows of a motion at the times, s; None where it has fewer than two of them."""
     try:
-        _, rows = common_stamps(time, judge.time)
+        _, rows = common_stamps(time, motion.time)
     except InputError:
         return None
     return rows if len(rows) >= 2 else None

@@ -1,7 +1,7 @@
 """Everything that can be set about a run: tables, keys, ranges and defaults, read from and written to TOML."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, asdict, dataclass, field, fields, make_dataclass
+from dataclasses import MISSING, asdict, dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
@@ -18,7 +18,7 @@ from spinfilters.filters.outlier_rejection import RobustOptions
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Timeline, times_of
 from spinfilters.io.consider_parameter import consider_parameters
-from spinfilters.io.dataset import DENSITIES
+from spinfilters.io.disturbances import DENSITIES, DISTURBANCES, density_rows
 from spinfilters.io.input_file import nearest_text, path_text, read_toml, unknown_key, value_text
 from spinfilters.io.sensor_format import noise_options
 from spinfilters.io.stated_values import NumberRange, plain_number
@@ -373,19 +373,33 @@ else:
     )
 
 
+if TYPE_CHECKING:
+
+    @dataclass(frozen=True)
+    class _DensitySettings:
+        force_psd: float | Auto = AUTO
+        torque_psd: float | Auto = AUTO
+
+else:
+    _DensitySettings = make_dataclass(
+        "_DensitySettings",
+        [
+            (each.option, Auto | Annotated[float, each.allowed], field(default=each.setting))
+            for each in DISTURBANCES
+        ],
+        frozen=True,
+        namespace={"__doc__": density_rows('float or "auto"')},
+    )
+
+
 @dataclass(frozen=True)
-class ProcessSettings:
+class ProcessSettings(_DensitySettings):
     """The process model.
+
+    Besides the attributes below, the density of each disturbance is a field: those of `spinfilters.io.disturbances.DENSITIES`.
 
     Attributes
     ----------
-    force_psd : float or "auto"
-        Density of the disturbing force, (m/s^2)^2/Hz. 0, for none, is computed with a density that adds 1e-9 m or rad in
-        an interval; so of the torque.
-    torque_psd : float or "auto"
-        Density of the disturbing torque, (rad/s^2)^2/Hz. "auto" takes that of the data set, or identifies it
-        (`spinfilters.inference.identified_noise`). For a gyro whose unknown error is correlated it follows from the rate, as found
-        for thrown bodies.
     drag : bool, "linear", "quadratic" or "auto"
         Whether the state has an aerodynamic drag coefficient, and its law: torques "quadratic" in the rate (or true) or
         "linear"; "auto" takes the likelier of both if the first epochs distinguish it from none (`spinfilters.run.preparation`).
@@ -399,8 +413,6 @@ class ProcessSettings:
         Tolerance of the integrator, rad and relative rate per step.
     """
 
-    force_psd: Auto | Annotated[float, DENSITIES["force_psd"]] = AUTO
-    torque_psd: Auto | Annotated[float, DENSITIES["torque_psd"]] = AUTO
     drag: Annotated[bool, TruthValue()] | DragLaw = False
     gravity: Auto | Annotated[bool, TruthValue()] = AUTO
     body_torque: Annotated[bool, TruthValue()] = False
@@ -420,9 +432,9 @@ class ProcessSettings:
         ProcessNoise
             Densities of the disturbances.
         """
-        force_psd = automatic.force_psd if self.force_psd == AUTO else self.force_psd
-        torque_psd = automatic.torque_psd if self.torque_psd == AUTO else self.torque_psd
-        return ProcessNoise(force_psd, torque_psd)
+        stated = {name: getattr(self, name) for name in DENSITIES}
+        chosen = {name: value for name, value in stated.items() if value != AUTO}
+        return replace(automatic, **chosen)
 
 
 @dataclass(frozen=True)

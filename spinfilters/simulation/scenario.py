@@ -13,6 +13,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.io.consider_parameter import exact_calibration
 from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.disturbances import WHITE_FORCE
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.io.sensor_tables import KnownMap
@@ -100,12 +101,12 @@ def simulate_motion(
     substeps : int
         Noise kicks per interval.
     """
-    q, blocks = process.layout.mean_slice("a"), process.disturbed_dim // 3
+    q, blocks = process.layout.mean_slice("a"), -(-process.disturbed_dim // 3)
     states, x = [start], start
     for interval in np.diff(time):
         drawn = generator.standard_normal((substeps, 2, blocks, *x.shape[:-1], 3))
         normal = np.moveaxis(drawn, (1, 2), (-3, -2)).reshape(substeps, *x.shape[:-1], 2, 3 * blocks)
-        x = process.disturbed_steps(x, float(interval) / substeps, normal)
+        x = process.disturbed_steps(x, float(interval) / substeps, normal[..., : process.disturbed_dim])
         x[..., q] /= np.linalg.norm(x[..., q], axis=-1, keepdims=True)
         states.append(x)
         progress(len(states), len(time))
@@ -206,7 +207,7 @@ def without_map(dataset: Dataset) -> Dataset:
 def without_noise(dataset: Dataset) -> Dataset:
     """The same data, which say nothing of their noise."""
     streams = tuple(replace(stream, covariance=None) for stream in dataset.log.streams)
-    options = replace(dataset.options, force_psd=None, torque_psd=None, sensor_noise={})
+    options = replace(dataset.options, densities={}, sensor_noise={})
     return replace(dataset, log=MeasurementLog(streams), options=options)
 
 
@@ -246,8 +247,8 @@ def truth_of(scenario: Scenario, motion: Motion) -> Truth:
 
 def _options(scenario: Scenario, sensor_noise: Mapping[str, float]) -> DatasetOptions:
     """Stated noise of sensor and motion (none of zero), an exact calibration."""
-    motion = {"force_psd": scenario.noise.force_psd, "torque_psd": scenario.noise.torque_psd}
-    stated = {name: value for name, value in {**motion, **sensor_noise}.items() if value > 0}
+    noise = {**scenario.noise.densities, **sensor_noise}
+    stated = {name: value for name, value in noise.items() if value > 0}
     told = scenario.inspector != STATIC and not scenario.inspector_errors  # of wrong poses nothing is said
     exact = exact_calibration((dataset_kinds()[kind].name for kind in scenario.kinds), inspector=told)
     return replace(DatasetOptions(notes={"seed": scenario.seed}, calibration=exact), **stated)
@@ -276,7 +277,10 @@ def motion_in_view(scenario: Scenario, generator: np.random.Generator) -> Motion
         near = inspector is not None or could_stay_in_view(path, depth, scenario.radius_m, offset)
         if not last and not near:
             continue
-        normal = np.concatenate([generator.standard_normal(shape), pushes], axis=-1)
+        # the pushes were drawn before all others, to see whether the body stays in view
+        at = process.impulse_columns[WHITE_FORCE.name]
+        others = generator.standard_normal((*shape[:-1], process.disturbed_dim - shape[-1]))
+        normal = np.concatenate([others[..., : at.start], pushes, others[..., at.start :]], axis=-1)
         states = process.disturbed_path(start, scenario.interval, normal)
         motion = Motion(layout, time, states)
         if last or stays_in_view(motion.seen_from(inspector), scenario.radius_m):

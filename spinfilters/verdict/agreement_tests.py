@@ -15,7 +15,7 @@ from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import LandmarkBelief
 from spinfilters.filters.history import EstimateHistory, finished_history, history_at
 from spinfilters.filters.timeline import run
-from spinfilters.inference.first_epochs import DETERMINED_STD, LARGEST_DEPARTURE, is_bent, moments_std_of
+from spinfilters.inference.first_epochs import DETERMINED_STD, LARGEST_DEPARTURE, is_bent
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import smooth_at_once
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
@@ -199,7 +199,7 @@ def reference_smoother(
     finished = finished_history(histories)
     if finished is not None:
         return finished
-    vague = setup.initial.departure > LARGEST_DEPARTURE or not moments_std_of(setup.initial) <= DETERMINED_STD
+    vague = setup.initial.departure > LARGEST_DEPARTURE or not setup.initial.moments_std <= DETERMINED_STD
     vague |= setup.is_given and is_bent(setup.initial.belief)
     if histories or not vague or setup.initial.has_landmarks:
         return None

@@ -12,6 +12,7 @@ from scipy.special import pdtrc
 from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.models.status import Finding, Holds
 
 MOST_DIGITS: Final = 17
@@ -150,6 +151,8 @@ class Evidence:
         Standard deviation of the centre of mass before anything was measured, m; infinite where it is not known.
     expected_nis : float
         Least NIS per degree of freedom that the noise is meant to give; below one where it is wide on purpose.
+    streams : Sequence[MeasurementStream]
+        What the estimate was made from, one of each sensor.
     """
 
     evaluation: Evaluation
@@ -158,6 +161,7 @@ class Evidence:
     found: Sequence[Finding] = field(default_factory=tuple)
     centre_prior_std: float = float("inf")
     expected_nis: float = 1.0
+    streams: Sequence[MeasurementStream] = ()
 
     @property
     def peers(self) -> list[Evaluation]:

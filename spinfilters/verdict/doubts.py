@@ -11,7 +11,7 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, no
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.filters.history import EstimateHistory, finished_history
 from spinfilters.inference.estimator_entry import AnyEntry
-from spinfilters.inference.first_epochs import DETERMINED_STD, moments_std_of
+from spinfilters.inference.first_epochs import DETERMINED_STD
 from spinfilters.inference.identified_noise import LARGEST_ERROR
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import NAME as SMOOTHER
@@ -65,7 +65,7 @@ def filter_diagnostics(setup: Setup) -> list[Finding]:
     """Findings that concern filters alone: a smoother revises its first epochs."""
     if setup.initial.has_failed:
         return []
-    std, count = moments_std_of(setup.initial), len(setup.initial.mean)
+    std, count = setup.initial.moments_std, len(setup.initial.mean)
     if not std <= DETERMINED_STD:
         return [finding("vague-initialisation", {"epochs": count, "std": std})]
     return []
@@ -87,6 +87,8 @@ class Doubts:
         Tests of the models' errors.
     baselines : Collection[str]
         Names of others' estimators, whose noise levels say nothing of ours.
+    untested : Collection[str]
+        Names of estimators whose covariances do not show wrong noise (`EstimatorEntry.tests_noise`).
     """
 
     setup: Setup
@@ -97,6 +99,7 @@ class Doubts:
     smoother: EstimateHistory | None
     models: TestedModels = NOT_TESTED
     baselines: Collection[str] = ()
+    untested: Collection[str] = ()
     _agreements: dict[str, list[Finding]] = field(default_factory=dict)
     _noise: dict[str, list[Finding]] = field(default_factory=dict)
 
@@ -107,7 +110,8 @@ class Doubts:
             return [*self.shared, *agreement]
         if not entry.continues:
             return [*self.shared, *self.of_levels, *agreement, *self._of_landmarks]
-        noise = [] if entry.is_baseline or agreement else self._noise_of(evaluation)
+        silent = entry.is_baseline or evaluation.name in self.untested
+        noise = [] if silent or agreement else self._noise_of(evaluation)
         levels = [] if entry.is_baseline else self.of_levels
         return [*self.shared, *levels, *agreement, *noise]
 
@@ -126,7 +130,7 @@ class Doubts:
         if not self.setup.initial.has_landmarks:
             return []
         for each in self.evaluations:
-            if each.name != SMOOTHER and not self._agreement_of(each):
+            if each.name not in (SMOOTHER, *self.untested) and not self._agreement_of(each):
                 return self._noise_of(each)
         return []
 
@@ -149,7 +153,11 @@ class Doubts:
 
 
 def doubts_of(
-    evaluations: Sequence[Evaluation], setup: Setup, settings: Settings, baselines: Collection[str] = ()
+    evaluations: Sequence[Evaluation],
+    setup: Setup,
+    settings: Settings,
+    baselines: Collection[str] = (),
+    untested: Collection[str] = (),
 ) -> Doubts:
     """The doubts of a run, as far as they are the same for several estimators.
 
@@ -162,7 +170,7 @@ def doubts_of(
             shared.append(finding("smoothed-checks-left-out", {}))
         else:
             reference = reference_smoother([], setup, settings)
-        return Doubts(setup, settings, evaluations, shared, own, reference, baselines=baselines)
+        return Doubts(setup, settings, evaluations, shared, own, reference, NOT_TESTED, baselines, untested)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
     shared = [*shared_diagnostics(setup), *motion_diagnostics(setup, settings)]
     if settings.verdict == FILTER:
@@ -175,7 +183,7 @@ def doubts_of(
         reference = reference_smoother(smoothers, setup, settings)
     shared += [*model_findings(models, tested), *measurement_findings(smoothers, evaluations)]
     own = filter_diagnostics(setup)
-    return Doubts(setup, settings, evaluations, shared, own, reference, models, baselines)
+    return Doubts(setup, settings, evaluations, shared, own, reference, models, baselines, untested)
 
 
 def _stated_std(
@@ -265,6 +273,7 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
             [*doubts.of(evaluation, entry), *_explain_undetermined(evaluation, wider, doubts)],
             _centre_prior_std(setup),
             0.0 if entry.is_baseline else expected_nis(setup),
+            setup.log.streams,
         )
         found.append(wider.with_status(judge(evidence)))
     return found

@@ -10,12 +10,12 @@ from jaxtyping import Float, Int
 from spinfilters.core.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.filters.noise_levels import DISTURBANCES
 from spinfilters.filters.timeline import Timeline, times_of
 from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.noise_choice import STATED
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup
+from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.sensor_registry import sensor_of
@@ -231,7 +231,7 @@ def tested_epochs(setup: Setup) -> int:
 def stated_levels(setup: Setup) -> frozenset[str]:
     """Names of the noise levels that are not identified."""
     options = {option.name for name in setup.log.sensors for option in sensor_format(name).noise}
-    return frozenset((options | set(DISTURBANCES)) - setup.unstated | setup.inflation.keys())
+    return frozenset((options | set(DENSITIES)) - setup.unstated | setup.inflation.keys())
 
 
 def linear_problem(setup: Setup, epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:

@@ -16,11 +16,12 @@ from spinfilters.evaluation.filter_noise_tests import (
     filter_tests,
 )
 from spinfilters.filters.history import EstimateHistory, finished_history
-from spinfilters.filters.noise_levels import BLOCK, CYCLE, DISTURBANCES, VarianceComponent
+from spinfilters.filters.noise_levels import BLOCK, CYCLE, VarianceComponent
 from spinfilters.inference.identification import Identified, LevelTest, identify, level_tests
 from spinfilters.inference.identified_noise import WHOLE_RECORDING, Unstated, is_smallest, noise_model
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup
+from spinfilters.io.disturbances import DENSITIES, DISTURBANCES
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.status import ALL, NOTHING, Finding
@@ -37,7 +38,7 @@ LARGEST_RATIO = 1.5
 """Of a variance to the stated one, below which the difference does not matter: deviations of 1.22."""
 LARGEST_AUTOCORRELATION = 0.15
 """Of a filter's corrections, below which what is left of a model error does not matter."""
-DENSITY_OF = {"torque": "torque_psd", "force": "force_psd"}
+DENSITY_OF: Final = {each.name: each.option for each in DISTURBANCES}
 """Options of the process by the source of the disturbance."""
 
 
@@ -64,7 +65,7 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
     tests = {DENSITY_OF.get(name, name): test for name, test in found.noise.items()}
     measurements = tests.get(MEASUREMENTS)
     if measurements is not None and _is_identified(setup):
-        tests |= {name: tests[name].beside(measurements) for name in tests.keys() & DISTURBANCES}
+        tests |= {name: tests[name].beside(measurements) for name in tests.keys() & DENSITIES.keys()}
     correlated = _whiteness_findings(found, setup)
     if correlated:  # which white noise of the measurements is not, whatever its size
         tests.pop(MEASUREMENTS, None)
@@ -96,7 +97,7 @@ def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[Finding]:
     A level that is not stated may be too large, as its identification means it to be.
     """
     for name, test in sorted(tests.items(), key=lambda item: -abs(item[1].score)):
-        told = name not in setup.unstated if name in DISTURBANCES else not _is_identified(setup)
+        told = name not in setup.unstated if name in DENSITIES else not _is_identified(setup)
         large = test.score > LARGEST_SCORE and test.ratio > LARGEST_RATIO
         small = told and test.score < -LARGEST_SCORE and test.ratio < 1 / LARGEST_RATIO
         if large or small:
@@ -122,7 +123,7 @@ def _level_finding(name: str, test: NoiseTest, told: bool) -> Finding:
         "score": abs(test.score),
         "level": "stated deviation" if told else "deviation that was identified",
     }
-    if name in DISTURBANCES:
+    if name in DENSITIES:
         before = "what is stated" if told else "what its first epochs have"
         return finding("filter-disturbance", numbers | {"name": name, "before": before})
     which = "measurements" if name == MEASUREMENTS else f"{name} measurements"
@@ -252,7 +253,7 @@ def _stated_level_finding(
     setup: Setup, found: Identified, number: int, score: float, about: frozenset[str]
 ) -> Finding:
     level = found.components[number]
-    is_density = level.name in DISTURBANCES
+    is_density = level.name in DENSITIES
     half = 1.0 if is_density else 0.5
     times = float(np.exp(half * found.log_variance[number]))
     numbers: dict[str, float | str] = {"name": level.name, "times": times, "score": score}
@@ -291,7 +292,7 @@ def _model_at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseMo
     by = model.stated
     for k, name in enumerate(model.names):
         if name in own and before[name] > 0:
-            half = 1.0 if name in DISTURBANCES else 0.5
+            half = 1.0 if name in DENSITIES else 0.5
             by[k] = np.log(own[name].value / before[name]) / half
     return model.at(by)
 

@@ -57,12 +57,12 @@ def trajectories(run: Path) -> dict[str, bytes]:
 def disturbed(event: Progress, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let something happen as the command reports its progress, and keep a checkpoint of every epoch."""
 
-    def compare(setup: Setup, settings: Settings, progress: Progress, store_of: object) -> Comparison:
+    def compare(setup: Setup, settings: Settings, progress: Progress, *further: object) -> Comparison:
         def report(name: str, done: int, total: int) -> None:
             progress(name, done, total)
             event(name, done, total)
 
-        return compare_estimators(setup, settings, report, store_of)  # pyright: ignore[reportArgumentType]
+        return compare_estimators(setup, settings, report, *further)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr(comparison_run, "compare_estimators", compare)
     monkeypatch.setattr(

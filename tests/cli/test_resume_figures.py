@@ -4,20 +4,19 @@ import os
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 
 from spinfilters.cli.main import main
-from spinfilters.plots import style
-from spinfilters.plots.style import save_figure
+from spinfilters.io.output_files import write_bytes
+from spinfilters.plots import figures
 from spinfilters.run import comparison_run
 from spinfilters.run.run_folder import picture_files
 
 
-def interrupted_at_rates(figure: Figure, path: Path) -> None:
-    """Save a figure, unless it is the second."""
+def interrupted_at_rates(path: Path, data: bytes) -> None:
+    """Write a picture, unless it is the second."""
     if path.name == "rates.png":
         raise KeyboardInterrupt
-    save_figure(figure, path)
+    write_bytes(path, data)
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -27,7 +26,7 @@ def test_a_run_whose_figures_were_interrupted_gets_those_it_lacks(
     run = tmp_path / "run"
     arguments = ["compare", str(originals / "gyro"), "--estimators", "mekf", "-o", str(run)]
     with monkeypatch.context() as patch:
-        patch.setattr(style, "save_figure", interrupted_at_rates)
+        patch.setattr(figures, "write_bytes", interrupted_at_rates)
         assert main(arguments) == 2
     assert "the same command with --resume continues" in capsys.readouterr().err
     assert [path.name for path in run.glob("*.png")] == ["summary.png"]

@@ -32,6 +32,10 @@ import pytest
             ("yaml", "scipy.special", "scipy.sparse", "scipy.optimize"),
         ),
         ("import spinfilters.settings.run_settings", ("filterpy", "scipy.stats")),
+        (
+            "from spinfilters.filters.filterpy_points import merwe_points; merwe_points(2, 1.0, 2.0, 0.0)",
+            ("filterpy", "scipy.stats", "scipy.optimize"),
+        ),
     ],
 )
 def test_nothing_is_loaded_before_it_is_needed(started: str, unneeded: tuple[str, ...]) -> None:

@@ -12,6 +12,7 @@ from spinfilters.evaluation.epoch_spans import (
     epoch_sentences,
     initialisation_end,
     on_identical_measurements,
+    own_span,
     shared_begin,
     title_sentences,
 )
@@ -59,6 +60,18 @@ def test_errors_and_nees_leave_out_the_initialisation_which_has_its_own() -> Non
     assert found["initialisation"]["rms_position_m"] > 10
     assert found["initialisation"]["nees_per_dof"] > 100
     assert found["ape_rmse_m"] > 5  # evo's, of all rows of the file
+
+
+def test_truth_and_states_of_a_span_are_those_of_its_compared_epochs() -> None:
+    span = own_span(evaluate(poor_beginning(), TRUTH))
+    assert span.truth is not None
+    assert span.states is not None
+    assert span.errors is not None
+    assert span.errors.velocity is not None
+    np.testing.assert_array_equal(span.truth.time, TRUTH.time[INITIALISATION:])
+    velocity = span.states[:, CONSISTENT.layout.mean_slice("v")]
+    np.testing.assert_allclose(velocity - span.truth.velocity, span.errors.velocity, atol=1e-12)
+    assert own_span(evaluate(poor_beginning(), None)).truth is None
 
 
 def test_a_smoother_is_compared_over_the_epochs_of_the_filters_and_has_its_own_besides() -> None:

@@ -160,7 +160,7 @@ def test_a_new_start_forgets_what_was_learned() -> None:
 
 def test_without_adaptation_no_number_changes() -> None:
     adaptation, noise = NoiseAdaptation(NONE), np.random.default_rng(0).standard_normal((20, 12))
-    assert adaptation.scaled(noise) is noise
+    assert adaptation.scaled(FULL, noise) is noise
     assert (adaptation.measurement_scale("pose"), adaptation.process_scale("torque")) == (1.0, 1.0)
     assert not adaptation.snapshot()
 

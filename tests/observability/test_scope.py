@@ -8,6 +8,7 @@ from observability.analysis_report import analyse, axes_in_words, close_moments,
 from observability.canonical_motions import CANONICAL_MOTIONS, motion
 from observability.cases import Case
 from observability.system import Input, analysed_sensors
+from spinfilters.models.sensor_registry import sensor_of
 
 MOTIONS = {each.name: each for each in CANONICAL_MOTIONS}
 
@@ -18,7 +19,7 @@ def test_what_a_sensor_was_not_asked_is_said(sensor: str) -> None:
     found = scope(case)
     assert "overall scale of the inertia" in found.not_asked
     assert ("attitude" in found.not_asked) == (sensor == "gyro")
-    rotation_only = sensor in ("gyro", "attitude", "magnetometer")
+    rotation_only = not sensor_of(sensor).sees_place
     assert ("position and velocity" in found.not_asked) == rotation_only
     assert ("centre of mass" in found.not_asked) == rotation_only
     assert ("a map of landmarks" in found.not_asked) == (

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from spinfilters import compare, simulate
+from spinfilters.cli.commands.compare import NAMES
 from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import installed_plugins
-from spinfilters.run.estimators import LAGS, estimator_entries
+from spinfilters.run.estimators import estimator_entries
 from spinfilters.run.run_summary import read_summary
 from spinfilters.settings.run_settings import DEFAULT_ESTIMATORS, Settings, estimator_names
 
@@ -37,15 +38,16 @@ def distribution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pa
     installed_plugins.cache_clear()
 
 
-def test_the_table_has_ours_before_the_baselines_and_the_defaults_among_them() -> None:
-    ours, baselines = ("mekf", "ukf", "smoother"), ("filterpy-ekf", "filterpy-ukf")
-    family = ("iekf", "rts", "invariant", "ekf-joint", *(f"smoother-lag-{lag}" for lag in LAGS))
-    assert (
-        tuple(estimator_entries())
-        == estimator_names()
-        == (*ours, *baselines, "embedded", "embedded-double", "smoother-latest", *family, "posterior")
-    )
-    assert ours == DEFAULT_ESTIMATORS
+def test_the_table_is_in_its_order_and_begins_with_the_defaults() -> None:
+    entries = estimator_entries()
+    assert tuple(entries) == estimator_names()
+    assert tuple(entries)[: len(DEFAULT_ESTIMATORS)] == DEFAULT_ESTIMATORS
+    orders = [entry.order for entry in entries.values()]
+    assert orders == sorted(orders)
+
+
+def test_the_help_names_every_estimator() -> None:
+    assert sorted(NAMES.split(", ")) == sorted(estimator_names())
 
 
 @pytest.mark.usefixtures("distribution")

@@ -9,12 +9,14 @@ import pytest
 
 from spinfilters.core.errors import InputError
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
+from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
 from spinfilters.models.status import OWN_STATUS, EstimatorStatus, Finding, Holds, Verdict
 from spinfilters.run.array_files import (
     FINDINGS,
     HOLDS,
     INITIALISATION,
+    MASS_WEIGHTS,
     OBSERVATIONS,
     read_arrays,
     read_history,
@@ -51,6 +53,20 @@ def test_the_initialisation_and_the_observations_survive_a_file(tmp_path: Path) 
     assert copy.initialisation_end == 1.0
     assert copy.observations is not None
     np.testing.assert_array_equal(copy.observations, np.ones(EPOCHS))
+
+
+def test_samples_of_the_mass_distribution_survive_a_file_and_damaged_ones_are_refused(tmp_path: Path) -> None:
+    path, random = tmp_path / "history.npz", np.random.default_rng(1)
+    mass = MassSamples(random.normal(size=(7, 5)), np.full(7, 1 / 7), 0.4, 1.5)
+    write_history(path, replace(filtered(), mass=mass))
+    copy = read_history(path).mass
+    assert copy is not None
+    np.testing.assert_array_equal(copy.points, mass.points)
+    np.testing.assert_array_equal(copy.weights, mass.weights)
+    assert (copy.gaussian_shape, copy.gaussian_nees) == (0.4, 1.5)
+    write_arrays(path, {**read_arrays(path), MASS_WEIGHTS: np.ones(6)})
+    with pytest.raises(InputError, match="samples of the mass distribution"):
+        read_history(path)
 
 
 def test_findings_and_what_holds_survive_a_file(tmp_path: Path) -> None:

@@ -1,16 +1,22 @@
 """Pictures drawn by further processes: the same ones, and all of them whatever becomes of a process."""
 
 import os
+import threading
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from spinfilters.core.errors import InputError
-from spinfilters.plots.figures import picture_files
+from spinfilters.models.status import EstimatorStatus, Verdict
+from spinfilters.plots.figures import early_pictures, picture_files
 from spinfilters.run.comparison_run import RunOutput, compare_into
-from spinfilters.run.picture_process import PictureProcess, draw_together, picture_processes
+from spinfilters.run.picture_process import EarlyPictures, PictureProcess, draw_together, picture_processes
 from spinfilters.run.run_folder import read_figure_data
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
@@ -35,7 +41,8 @@ def pixels(folder: Path) -> Pixels:
 def redrawn(run: Path, process: PictureProcess) -> Pixels:
     for path in run.glob("*.png"):
         path.unlink()
-    draw_together(read_figure_data(run), run, lambda *_: None, [process])
+    with EarlyPictures([process], NAMES) as early:
+        draw_together(read_figure_data(run), run, lambda *_: None, early)
     return pixels(run)
 
 
@@ -52,6 +59,39 @@ def test_a_further_process_draws_the_same_pictures(run: Path) -> None:
     assert set(together) == set(alone) == {*picture_files(NAMES)}
     for name, wanted in alone.items():
         np.testing.assert_array_equal(together[name], wanted, name)
+
+
+def test_pictures_that_a_process_keeps_until_the_run_is_written_are_the_same(run: Path) -> None:
+    alone, process = pixels(run), PictureProcess()
+    kept = [name for _, names in early_pictures(NAMES, NAMES) for name in names]
+    assert "summary.png" not in kept  # it shows the verdicts
+    try:
+        for name in kept:
+            (run / name).unlink(missing_ok=True)
+            assert process.keep(run, NAMES, name)
+            assert not (run / name).exists()
+            if name in alone:
+                assert process.write(name, run)
+    finally:
+        process.close()
+    together = pixels(run)
+    assert set(together) == set(alone)
+    for name, wanted in alone.items():
+        np.testing.assert_array_equal(together[name], wanted, name)
+
+
+def test_a_picture_kept_is_that_of_the_run_if_its_estimates_are_and_whatever_the_verdict(run: Path) -> None:
+    data, kept = read_figure_data(run), threading.Event()
+    setup: Any = SimpleNamespace(dataset=data.dataset)
+    process: Any = Mock(keep=lambda *_: not kept.set())
+    doubted = EstimatorStatus(Verdict.DEGRADED)
+    with EarlyPictures([process], NAMES) as early:
+        early.take(setup, data.evaluations, {})
+        assert kept.wait(60.0)
+        judged = [each.with_status(doubted) for each in data.evaluations]
+        assert early.end(replace(data, evaluations=judged)) == {process: early.end(data)[process]}
+        assert early.end(data)[process]
+        assert not early.end(read_figure_data(run))[process]  # other arrays
 
 
 def test_what_a_process_that_ended_should_have_drawn_is_drawn(run: Path) -> None:

@@ -8,11 +8,14 @@ import pytest
 
 from experiments.what_holds import drawn
 from spinfilters.evaluation.stated_errors import quantity_errors
-from spinfilters.models.status import QUANTITIES, Holds, Verdict
+from spinfilters.models.status import QUANTITIES, EstimatorStatus, Holds, Verdict
 from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.estimators import estimator_entries
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.verdict import agreement_tests, doubts
+from spinfilters.verdict.check import Evidence
+from spinfilters.verdict.checks import finding
 
 FULL = Settings(estimators=("mekf",))
 FILTER = replace(FULL, verdict="filter")
@@ -75,3 +78,26 @@ def test_a_filter_is_still_compared_with_a_smoother_among_the_estimators() -> No
     found = doubts.doubts_of(run.evaluations, run.setup, both)
     assert found.smoother is not None
     assert found.smoother.name == "smoother"
+
+
+def test_a_filter_whose_covariances_show_no_wrong_noise_is_not_tested_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run, entries = judged(RIGHT, FILTER), estimator_entries()
+    named = finding("noise-not-tested", {"text": "for a test"})
+    monkeypatch.setattr(doubts, "filter_noise_diagnostics", lambda *_: [named])
+    evaluation, entry = run.evaluations[0], entries["mekf"]
+    asked, left_out = (
+        doubts.doubts_of(run.evaluations, run.setup, FILTER, untested=names).of(evaluation, entry)
+        for names in ((), ("mekf",))
+    )
+    assert named in asked
+    assert named not in left_out
+
+
+def test_a_check_of_an_estimate_sees_what_it_was_made_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    run, seen = judged(RIGHT, FILTER), list[Evidence]()
+    monkeypatch.setattr(doubts, "judge", lambda evidence: seen.append(evidence) or EstimatorStatus())
+    found = doubts.doubts_of(run.evaluations, run.setup, FILTER)
+    doubts.with_verdicts(found, FILTER, estimator_entries())
+    assert seen[0].streams == run.setup.log.streams

@@ -115,7 +115,7 @@ class NoiseComponents:
     """
 
     components: tuple[ComponentRows, ...]
-    factors: tuple[Float[np.ndarray, "k d i"], ...]
+    factors: tuple[Float[np.ndarray, "k d _"], ...]
     redundancy: Float[np.ndarray, " c"]
     known: Bool[np.ndarray, " c"]
     correlation: Float[np.ndarray, " c"]
