@@ -121,7 +121,7 @@ def solved_at(
     own = replace(problem, motion=replace(problem.motion, process=process))
     here = own.at(trajectory, NO_POINTS)
     normal, d = own.normal(here, STRICT), len(own.ordering.moving)
-    cost = here.cost(None, STRICT) - normal.predicted_reduction + log_determinant(normal.system)
+    cost = here.cost(None, STRICT) - normal.predicted_reduction + log_determinant(normal)
     cost -= 2 * float(np.linalg.slogdet(here.dynamics.rows[:, :, d : 2 * d])[1].sum())
     factor = Marginals(normal.system, None).factors[-1]
     return -cost / 2, normal.system.errors[-1], factor @ factor.T

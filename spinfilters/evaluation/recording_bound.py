@@ -202,7 +202,7 @@ def landmarks_at(
 
     They are those of the start, or where most of a landmark's observations agree from the poses.
     """
-    if not setup.initial.has_landmarks:
+    if not setup.maps_landmarks:
         return NO_LANDMARKS, np.zeros((0, 3))
     started = setup.initial
     ids = np.unique(seen_ids(setup.timeline))
@@ -239,4 +239,4 @@ def _squared_residual(problem: Problem, here: LinearizationPoint) -> float | Non
 
 
 def _is_separator(setup: Setup) -> bool:
-    return setup.initial.has_landmarks
+    return setup.maps_landmarks

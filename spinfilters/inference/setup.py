@@ -16,6 +16,7 @@ from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.io.consider_parameter import ConsideredDeviation
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_layout import Gaussian
@@ -122,9 +123,21 @@ class Setup:
         return counts
 
     @property
+    def maps_landmarks(self) -> bool:
+        """Whether estimators find the landmarks: those of the initialisation, or all of them from a given belief on."""
+        return self.initial.has_landmarks or (self.is_given and maps_landmarks(self.dataset))
+
+    @property
     def known_frames(self) -> bool:
         """Whether the estimate's frames are the truth's."""
         return knows_frames(self.dataset)
+
+
+def maps_landmarks(dataset: Dataset) -> bool:
+    """Whether a data set has tracks of landmarks whose map is not known."""
+    return not knows_frames(dataset) and any(
+        sensor_format(sensor).has_landmarks for sensor in dataset.log.sensors
+    )
 
 
 def knows_frames(dataset: Dataset) -> bool:

@@ -27,7 +27,7 @@ from spinfilters.io.truth import TRUTH_TABLE
 
 _SUFFIXES = (".csv", ".tsv")
 _TEXTS = (".txt", ".dat", ".asc", ".log", ".data")
-_RATE_FILES = ("sensor_gyro", "angular_velocity", "angularvelocity", "gyroscope", "rotationrate")
+_RATE_FILES = ("gyro", "angular_velocity", "angularvelocity", "gyroscope", "rotationrate")
 _HEAD = 65536
 _ALONE = "gyro.csv"  # the one table of a folder that is a data set without it
 
@@ -119,8 +119,7 @@ def _named(path: Path) -> Sequence[str] | None:
 def bare_quantity(path: Path) -> Quantity | None:
     """Quantity of columns called x, y and z alone, as the name of their file says."""
     stem = path.stem.lower()
-    is_rate = "gyro" in stem or any(word in stem for word in _RATE_FILES)
-    return "rate" if is_rate else None
+    return "rate" if any(word in stem for word in _RATE_FILES) else None
 
 
 def _is_poses_alone(path: Path) -> bool:

@@ -115,12 +115,9 @@ class Simulator42Reader(StatedReader):
 
 def _motion(sensor: str, path: Path, values: Float[np.ndarray, "n m"]) -> MotionTable:
     """Measurements of a table with its time in front. InputError: its clock or its values."""
-    table = Table(
-        path, TableLayout(("time_s",), header_line=0), ("time_s",), values, range(1, len(values) + 1)
-    )
+    names = ("time_s", *(f"column {k}" for k in range(2, values.shape[1] + 1)))
+    table = Table(path, TableLayout(names, header_line=0), names, values, range(1, len(values) + 1))
     require_clock(table)
-    if sensor == "gyro":
-        table = Table(path, table.layout, ("time_s", "wx", "wy", "wz"), values, range(1, len(values) + 1))
-        table.require(slice(1, 4), RATE)
+    table.require(slice(1, None), RATE)  # components of quaternions are smaller
     with table.naming_lines():
         return MotionTable(MeasurementStream(sensor, values[:, 0], values[:, 1:]), None, ())

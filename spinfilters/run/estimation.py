@@ -35,7 +35,7 @@ from spinfilters.models.status import EstimatorStatus
 from spinfilters.run.checkpoints import StoreOf, no_checkpoints
 from spinfilters.run.conditions import Conditions, conditions_of
 from spinfilters.run.estimators import estimator_entries
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.smoother.mass_posterior import leaves_one_direction_open
 from spinfilters.verdict.calibration_errors import CalibrationErrors
 from spinfilters.verdict.doubts import doubts_of, evaluated, with_verdicts
@@ -235,11 +235,25 @@ def _fitting_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
     """Entries of all estimators. InputError: a chosen estimator cannot hold landmarks, and the data set has some."""
     entries = estimator_entries()
     without = [name for name in settings.estimators if not entries[name].holds_landmarks]
-    if without and setup.initial.has_landmarks:
+    if without and setup.maps_landmarks:
         holding = [name for name, entry in entries.items() if entry.holds_landmarks]
         raise InputError(
             f"{', '.join(without)}: holds no landmarks; give the tracks' map (landmarks.csv, for the bundled example "
             f"--known-map), or choose among {', '.join(holding)}"
+        )
+    if not (setup.is_given and setup.maps_landmarks):
+        return entries
+    smoothed = [name for name in settings.estimators if not entries[name].continues]
+    if smoothed:
+        raise InputError(
+            f"{', '.join(smoothed)}: begins with smoothed first epochs where landmarks are not known, not from a belief; leave it "
+            "out, as with --estimators mekf,ukf, or give the tracks' map (landmarks.csv)"
+        )
+    if settings.verdict != FILTER:
+        raise InputError(
+            "from a belief, filters that find the landmarks themselves are over-confident (by a third in the mean), and no "
+            "smoother shows it: use --verdict filter, whose estimates are degraded at best, give the tracks' map "
+            "(landmarks.csv), or leave the belief out"
         )
     return entries
 

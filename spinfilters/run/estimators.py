@@ -73,7 +73,7 @@ class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
         self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
     ) -> Float[np.ndarray, "k 3"] | None:
         """Landmarks of the filter; those of the setup after a failure or without estimated ones."""
-        if history.has_failed or not setup.initial.has_landmarks:
+        if history.has_failed or not setup.maps_landmarks:
             return setup.map_points
         return estimator.landmark_belief.points_in_g
 
@@ -174,7 +174,7 @@ class JointEntry(EstimatorEntry["JointEkf"]):
         self, estimator: "JointEkf", history: EstimateHistory, setup: Setup
     ) -> Float[np.ndarray, "k 3"] | None:
         """Landmarks of its state; those of the setup without estimated ones."""
-        return estimator.points if setup.initial.has_landmarks else setup.map_points
+        return estimator.points if setup.maps_landmarks else setup.map_points
 
     def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
         """One minus the gate's probability."""

@@ -1,5 +1,7 @@
 """The initialisation where a belief is given: as a user states it, or drawn about the truth. No measurement is smoothed for it."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -8,11 +10,11 @@ from spinfilters.evaluation.consistency import true_states
 from spinfilters.inference.first_epochs import GivenInitialisation
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.initialisation import DEFINED_ATTITUDE_STD
-from spinfilters.inference.setup import knows_frames
+from spinfilters.inference.setup import maps_landmarks
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.state_blocks import ATTITUDE, StateBlock
-from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
 from spinfilters.settings.run_settings import InitialisationOptions
 from spinfilters.settings.stated_belief import DRAWN_STD, WORDS, block_named, deviations_of, mean_by_block
 from spinfilters.smoother.priors import FirstStatePrior
@@ -21,22 +23,22 @@ OTHER_STD = 1e-3
 """Deviation of a drawn block for which none is stated or usual."""
 
 
+POSE_WORDS = tuple(word for word, name in WORDS.items() if name in POSE_BLOCKS)
+"""Words of the blocks of a pose in the settings."""
+
+
 def given_belief(dataset: Dataset, options: InitialisationOptions) -> GivenInitialisation | None:
     """The belief that the settings state for the first epoch of a data set; None where they state none.
 
     Raises
     ------
     InputError
-        Tracks of unknown landmarks, whose frame no belief can know; no truth to draw about.
+        No truth to draw about; an error of the first pose where that defines frame g, because landmarks are not known.
     """
     if not options.states_belief:
         return None
-    if any(sensor_format(sensor).has_landmarks for sensor in dataset.log.sensors) and not knows_frames(
-        dataset
-    ):
-        raise InputError(
-            "a belief needs frames that unknown landmarks do not define; give their map (landmarks.csv, --known-map)"
-        )
+    if maps_landmarks(dataset):
+        options = _defining_g(options)
     if not options.from_truth:
         return lambda layout: stated_start(layout, options)
     truth = dataset.truth
@@ -58,6 +60,21 @@ def given_belief(dataset: Dataset, options: InitialisationOptions) -> GivenIniti
         return drawn_start(layout, true_states(truth, layout)[row], factor, generator)
 
     return drawn
+
+
+def _defining_g(options: InitialisationOptions) -> InitialisationOptions:
+    """The belief whose first pose defines frame g: no map does, and landmarks are placed by it.
+
+    InputError: an error of that pose is stated.
+    """
+    stated = [word for word in POSE_WORDS if word in options.std]
+    if stated or options.covariance:
+        name = f"std states {stated[0]}" if stated else "covariance states the errors of the pose"
+        raise InputError(
+            f"initialisation.{name}, which has none where landmarks are not known: the first pose defines frame g; leave it out "
+            "(give the others in initialisation.std), or give the landmarks' map (landmarks.csv, --known-map)"
+        )
+    return replace(options, std={**options.std, **dict.fromkeys(POSE_WORDS, GAUGE_STD)})
 
 
 def stated_start(layout: StateLayout, options: InitialisationOptions) -> InitialEstimate:

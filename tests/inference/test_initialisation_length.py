@@ -33,15 +33,13 @@ BY_NAME = {case.name: case for case in CASES}
 FILTERS = Settings(estimators=("mekf", "ukf"))
 
 
-def test_filters_of_a_flip_are_doubted_or_right() -> None:
+def test_a_filter_of_a_flip_is_doubted() -> None:
     case, settings = BY_NAME["pose flip"], replace(FILTERS, estimators=("mekf",))
-    outcomes = [
-        outcome_of(case, seed, evaluation, recording)
-        for seed, recording in enumerate(recordings(case, 2))
-        for evaluation in plainly_compared(prepare(recording.dataset, settings), settings).evaluations
-    ]
-    assert any(outcome.verdict is not Verdict.OK for outcome in outcomes)
-    assert not any(outcome.is_dishonest for outcome in outcomes)
+    (recording,) = recordings(case, 1)
+    (found,) = plainly_compared(prepare(recording.dataset, settings), settings).evaluations
+    outcome = outcome_of(case, 0, found, recording)
+    assert outcome.verdict is not Verdict.OK
+    assert not outcome.is_dishonest
 
 
 @pytest.mark.parametrize("kind", ["gyro", "pose"])

@@ -128,9 +128,50 @@ def test_a_belief_that_cannot_be_is_refused(
         spinfilters.compare(poses, "mekf", belief=stated(poses, **changes))
 
 
-def test_tracks_without_a_map_and_recordings_without_truth_are_refused() -> None:
-    with pytest.raises(InputError, match="frames that unknown landmarks do not define"):
-        spinfilters.compare(spinfilters.simulate(frames=12), "mekf", from_truth=1)
+def test_filters_map_unknown_landmarks_from_a_belief_whose_pose_defines_their_frame() -> None:
+    tracks = spinfilters.simulate("stereo-tracks", frames=12, seed=3)
+    assert tracks.known_map is None
+    run = spinfilters.compare(tracks, ["mekf", "ukf"], from_truth=1, verdict="filter")
+    for result in run.values():
+        assert result.evaluation.errors is not None
+        assert result.landmarks is not None
+        assert len(result.landmarks) > 100
+        nees = result.evaluation.nees
+        assert nees is not None
+        assert nees.total[-1] / nees.dof < 3.0
+        assert np.abs(result.evaluation.history.factor[0][:6]).max() < 1e-5  # position and attitude
+
+
+@pytest.mark.parametrize(
+    ("estimators", "belief", "message"),
+    [
+        ("smoother", {}, "smoother: begins with smoothed first epochs where landmarks are not known"),
+        ("mekf,smoother-lag-5", {}, "smoother-lag-5: begins with smoothed first epochs"),
+        ("rts", {}, "rts: holds no landmarks"),
+        (
+            "mekf",
+            {"std": {"attitude": 0.1}},
+            "std states attitude, which has none where landmarks are not known",
+        ),
+        ("mekf", {"std": {}, "covariance": np.eye(20).tolist()}, "covariance states the errors of the pose"),
+    ],
+)
+def test_what_unknown_landmarks_do_not_allow_of_a_belief_is_refused(
+    estimators: str, belief: dict[str, Any], message: str
+) -> None:
+    tracks = spinfilters.simulate("stereo-tracks", frames=6)
+    mean = {"position": [0, 0, 0.6], "attitude": [0, 0, 0, 1], "rate": [0.1, 1, 0.1]}
+    with pytest.raises(InputError, match=message):
+        spinfilters.compare(tracks, estimators, belief={"mean": mean, "std": {"rate": 0.1}, **belief})
+
+
+def test_a_belief_without_a_map_is_refused_where_the_verdict_could_say_ok() -> None:
+    tracks = spinfilters.simulate("stereo-tracks", frames=6)
+    with pytest.raises(InputError, match=r"over-confident.*use --verdict filter"):
+        spinfilters.compare(tracks, "mekf", from_truth=1)
+
+
+def test_a_belief_about_the_truth_needs_one() -> None:
     gyro = spinfilters.simulate("gyro", frames=12)
     rows = gyro.log.streams[0]
     table = np.column_stack([rows.time, rows.values])

@@ -45,7 +45,7 @@ STARTS: Final = (5, 10, 20, 60)
 """Epochs after which filters are begun."""
 RATIO: Final = "a ratio of two"
 """Cell of the bound of a ratio of errors or deviations."""
-SHORTER: Final = replace(SMALL, epochs=20, landmarks=500)
+SHORTER: Final = replace(SMALL, epochs=12, landmarks=300)
 """Of tests."""
 SMOOTHED: Final = Settings(estimators=("smoother",))
 LAST: Final = 30
