@@ -63,6 +63,7 @@ else:
         "_NoiseDensities",
         [(each.option, float, field(default=each.mild)) for each in DISTURBANCES],
         frozen=True,
+        namespace={"__module__": __name__},
     )
 
 

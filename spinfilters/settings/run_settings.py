@@ -342,7 +342,7 @@ else:
             for name, option in noise_options().items()
         ],
         frozen=True,
-        namespace={"__doc__": "Standard deviations of the sensors, see the module."},
+        namespace={"__doc__": "Standard deviations of the sensors, see the module.", "__module__": __name__},
     )
 
 
@@ -369,7 +369,10 @@ else:
             for name, each in consider_parameters().items()
         ],
         frozen=True,
-        namespace={"__doc__": "Standard deviations of the calibration, see the module."},
+        namespace={
+            "__doc__": "Standard deviations of the calibration, see the module.",
+            "__module__": __name__,
+        },
     )
 
 
@@ -388,7 +391,7 @@ else:
             for each in DISTURBANCES
         ],
         frozen=True,
-        namespace={"__doc__": density_rows('float or "auto"')},
+        namespace={"__doc__": density_rows('float or "auto"'), "__module__": __name__},
     )
 
 

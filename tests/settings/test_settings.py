@@ -1,5 +1,6 @@
 """Settings and their TOML."""
 
+import pickle
 from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -12,6 +13,7 @@ from spinfilters.core.robust_losses import LOSS_NAMES, build_loss
 from spinfilters.io.consider_parameter import consider_parameters
 from spinfilters.io.output_files import write_toml
 from spinfilters.io.stated_values import NumberRange
+from spinfilters.models.process import ProcessNoise
 from spinfilters.settings.run_settings import (
     InitialisationOptions,
     ProcessSettings,
@@ -216,3 +218,10 @@ def test_an_unknown_step_rule_is_named_with_those_there_are() -> None:
         InputError, match=r"smoother\.step 'newton' is unknown; choose from gauss-newton, dogleg"
     ):
         SmootherSettings(step="newton")
+
+
+def test_settings_go_to_another_process_and_back() -> None:
+    """Pools of processes hand objects over by pickle, which finds classes by module and name."""
+    settings = Settings(estimators=("mekf",))
+    assert pickle.loads(pickle.dumps(settings)) == settings
+    assert pickle.loads(pickle.dumps(ProcessNoise())) == ProcessNoise()
