@@ -481,3 +481,48 @@ def test_a_topic_chooses_among_the_sensors_of_a_table(tmp_path: Path) -> None:
     assert spinfilters.load(path, topic="Pose").kind == "pose"
     with pytest.raises(InputError, match="has no rows of 'Fisheye', only of Accel"):
         spinfilters.load(path, topic="Fisheye")
+
+
+SPOILS: dict[str, Callable[[bytes], bytes]] = {
+    "cut off": lambda data: data[: 2 * len(data) // 3],
+    "binary in the middle": lambda data: data[: len(data) // 2] + bytes(range(256)) + data[len(data) // 2 :],
+    "no number": lambda data: data[: len(data) // 2] + data[len(data) // 2 :].replace(b"1", b"nan", 1),
+    "5000 digits": lambda data: data[: len(data) // 2] + data[len(data) // 2 :].replace(b"1", b"9" * 5000, 1),
+    "backwards": lambda data: b"\n".join(
+        data.split(b"\n")[: data.count(b"\n") // 2] + data.split(b"\n")[data.count(b"\n") // 2 :][::-1]
+    ),
+    "twice": lambda data: data + data,
+    "empty": lambda _data: b"",
+}
+SPOILED = (
+    realsense,
+    gnss_logger,
+    serial_monitor,
+    simulator_42,
+    stk,
+    ccsds,
+    xsens,
+    xsens_without_clock,
+    qualisys,
+    x_plane,
+)
+
+
+@pytest.mark.parametrize("make", SPOILED, ids=lambda make: make.__name__)
+def test_a_spoiled_recording_is_read_or_refused_in_one_line(
+    make: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    path = make(tmp_path)
+    file = path / "wbn.42" if path.is_dir() else path
+    whole = file.read_bytes()
+    for spoil in SPOILS.values():
+        file.write_bytes(spoil(whole))
+        refusals = []
+        try:
+            stream = spinfilters.load(path).log.streams[0]
+        except InputError as refusal:
+            refusals.append(str(refusal))
+        else:
+            assert np.isfinite(stream.values).all()
+            assert (np.diff(stream.time) > 0).all()
+        assert all(len(each.splitlines()) == 1 and file.name in each for each in refusals)
