@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -362,13 +363,15 @@ def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth
         A file that one is drawn from is missing or damaged; what else there is has been drawn.
     """
 
+    kept_comparisons = cache(partial(_kept_comparisons, folder, evaluations))  # a reference is fitted once
+
     def draw_predictions() -> list[str]:
-        compared = _kept_comparisons(folder, evaluations)
+        compared = kept_comparisons()
         found = {} if compared is None else compared.found
         return draw_pictures(folder, prediction_figures(folder, evaluations, found))
 
     def draw_reference() -> list[str]:
-        compared = _kept_comparisons(folder, evaluations)
+        compared = kept_comparisons()
         return [] if compared is None else draw_pictures(folder, reference_figures(compared))
 
     drawn: list[str] = []

@@ -65,10 +65,12 @@ def _print_figures(run: Path, figure_data: "FigureData", options: PlotArguments)
 
     folder = Path(str(options.output))
     style = PrintStyle(options.format, options.width, options.panels)
-    own = figure_names(figure_data)
-    pictures = optional_figures(run, figure_data.evaluations, figure_data.dataset.truth)
+    own, asked = figure_names(figure_data), options.figures.split(",") if options.figures else []
+    pictures = {}
+    if not asked or set(asked) - set(own):  # else a reference would be fitted for nothing
+        pictures = optional_figures(run, figure_data.evaluations, figure_data.dataset.truth)
     further = {Path(name).stem: draw for name, draw in pictures.items()}
-    names = options.figures.split(",") if options.figures else [*own, *further]
+    names = asked or [*own, *further]
     refuse_foreign(folder, COMMAND.name)
     count = 0
     with output_folder(folder, COMMAND.name) as place:
