@@ -18,6 +18,7 @@ d = (l_i - l_j) / 2. Without it needles and thin discs would be likely for want 
 times over.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -354,16 +355,17 @@ class MassSampler:
         share: Float[np.ndarray, " c"],
     ) -> Float[np.ndarray, " n"]:
         """Log density of the mixture of t distributions, in errors about each node."""
-        terms = []
-        for node, root, part in zip(nodes, roots, share, strict=True):
-            origin = np.tile(node.trajectory[0], (len(points), 1))
-            moved = origin.copy()
-            moved[:, self._at] = points
-            error = self.layout.local(origin, moved)[:, self._s]
-            square = np.square(np.linalg.solve(root, error.T)).sum(axis=0)
-            tail = -(PROPOSAL_DOF + 5) / 2 * np.log1p(square / PROPOSAL_DOF)
-            terms.append(np.log(part) - np.linalg.slogdet(root)[1] + tail)
-        return np.logaddexp.reduce(np.array(terms), axis=0)
+        errors = [self.errors(points, node.trajectory[0]) for node in nodes]
+        return np.logaddexp.reduce(log_mixture_parts(errors, roots, share), axis=0)
+
+    def errors(
+        self, points: Float[np.ndarray, "n 5"], about: Float[np.ndarray, " m"]
+    ) -> Float[np.ndarray, "n 5"]:
+        """Errors of mass distributions about that of a state."""
+        origin = np.tile(about, (len(points), 1))
+        moved = origin.copy()
+        moved[:, self._at] = points
+        return self.layout.local(origin, moved)[:, self._s]
 
     def moved(self, node: MassNode, d: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "k m"]:
         """A node's trajectory with its mass distribution moved by d, everything else following by regression."""
@@ -410,6 +412,20 @@ def shares_of_nodes(log_mass: Float[np.ndarray, " c"]) -> Float[np.ndarray, " c"
     """Shares of the nodes in the mixture that proposes samples: their probability, and `EVEN_SHARE` for all alike."""
     mass = np.exp(log_mass - log_mass.max())
     return (1 - EVEN_SHARE) * mass / mass.sum() + EVEN_SHARE / len(mass)
+
+
+def log_mixture_parts(
+    errors: Sequence[Float[np.ndarray, "n 5"]],
+    roots: Sequence[Float[np.ndarray, "5 5"]],
+    share: Float[np.ndarray, " c"],
+) -> Float[np.ndarray, "c n"]:
+    """Log densities of t distributions with their shares, each at errors about its own node, up to a constant."""
+    parts = []
+    for error, root, part in zip(errors, roots, share, strict=True):
+        square = np.square(np.linalg.solve(root, error.T)).sum(axis=0)
+        tail = -(PROPOSAL_DOF + 5) / 2 * np.log1p(square / PROPOSAL_DOF)
+        parts.append(np.log(part) - np.linalg.slogdet(root)[1] + tail)
+    return np.array(parts)
 
 
 def even_points(count: int, dimension: int, seed: int) -> Float[np.ndarray, "n d"]:

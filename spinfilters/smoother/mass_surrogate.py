@@ -18,6 +18,7 @@ from spinfilters.smoother.mass_posterior import (
     MassPosterior,
     MassSampler,
     even_points,
+    log_mixture_parts,
     log_volume_ratio,
     traceless_part,
 )
@@ -117,9 +118,7 @@ class MassFrame:
         self, points: Float[np.ndarray, "n 5"], about: Float[np.ndarray, " m"]
     ) -> Float[np.ndarray, "n 5"]:
         """Errors of mass distributions about that of a state."""
-        moved = np.tile(about, (len(points), 1))
-        moved[:, self.at] = points
-        return self.sampler.layout.local(np.tile(about, (len(points), 1)), moved)[:, self.s]
+        return self.sampler.errors(points, about)
 
     def points(self, d: Float[np.ndarray, "n 5"], about: Float[np.ndarray, " m"]) -> Float[np.ndarray, "n 5"]:
         """Mass distributions with these errors about that of a state."""
@@ -148,13 +147,9 @@ class MassFrame:
         self, points: Float[np.ndarray, "n 5"], share: Float[np.ndarray, " c"]
     ) -> Float[np.ndarray, " n"]:
         """Log density of that mixture, in the invariant volume."""
-        terms = []
-        for node, root, part in zip(self.nodes, self.roots, share, strict=True):
-            d = self.errors(points, node.trajectory[0])
-            square = np.square(np.linalg.solve(root, d.T)).sum(axis=0)
-            tail = -(PROPOSAL_DOF + 5) / 2 * np.log1p(square / PROPOSAL_DOF)
-            terms.append(np.log(part) - np.linalg.slogdet(root)[1] + tail - log_volumes(d))
-        return np.logaddexp.reduce(np.array(terms), axis=0)
+        errors = [self.errors(points, node.trajectory[0]) for node in self.nodes]
+        volumes = np.array([log_volumes(d) for d in errors])
+        return np.logaddexp.reduce(log_mixture_parts(errors, self.roots, share) - volumes, axis=0)
 
     def begun(self, points: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "k m"]:
         """The motion that the nearest node's regression gives a mass distribution."""
