@@ -17,9 +17,9 @@ from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.square_root import (
     MeasurementPrediction,
     compressed,
+    covariance_factor,
     is_lower,
     last_nonzero,
-    triangular_factor,
 )
 
 
@@ -106,7 +106,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
     def _make_triangular(self) -> None:
         """Turn the factor so that the state's rows stand on its first coordinates alone: sigma points are drawn along these."""
         if not (self._held is None or is_lower(self.factor[: self._n])):
-            self.factor = triangular_factor(self.factor.T)
+            self.factor = covariance_factor(self.factor.T)
 
     def _displace(self, offsets: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
         """Errors of the state at offsets in units of the factor's columns."""
