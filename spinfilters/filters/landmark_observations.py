@@ -147,7 +147,7 @@ class Regression:
         # Coordinates: s that move the pose, then 3 of the landmark's own (later modes and own error together).
         s = last_nonzero(pose)
         points = sigma_points(s + 3, options)
-        states = o.layout.retract(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
+        states = o.layout.retract_each(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
         spread = Spread(states, pose[:, :s], modes[:, :s], covariance_factor(modes[:, s:].T))
         found = o.landmarks.steps.regressed(o, spread, points)
         return spread.regressed(o, points) if found is None else found

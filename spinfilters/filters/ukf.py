@@ -68,10 +68,10 @@ class MultiplicativeUkf(MultiplicativeFilter):
         _, transition, noise = self.process.linearise(self.mean, dt)
         self._make_triangular()
         # X_i <- f(X_i, dt); mean of the tangents about the centre's, deviations about that mean.
-        moved = self.process.step(self.layout.retract(self.mean, self._displace(self._offsets)), dt)
+        moved = self.process.step(self.layout.retract_each(self.mean, self._displace(self._offsets)), dt)
         centre = moved[0]
-        mean = self.layout.retract(centre, self._mean_weights @ self.layout.local(centre, moved))
-        deviations = self._root_weights[:, None] * self.layout.local(mean, moved)
+        mean = self.layout.retract(centre, self._mean_weights @ self.layout.local_each(centre, moved))
+        deviations = self._root_weights[:, None] * self.layout.local_each(mean, moved)
         if self._held is None:
             return LinearisedProcess(mean, transition, noise, deviations.T)
         # Modes and move behind the state depend on the factor's coordinates: regress on these, [A | D - A E'].
@@ -86,7 +86,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
         self._make_triangular()
         model = measurement.model
         subset = self._subset(last_nonzero(self.factor[model.columns]))
-        points = self.layout.retract(self.mean, self._displace(subset.offsets))
+        points = self.layout.retract_each(self.mean, self._displace(subset.offsets))
         innovation, valid, log_noise = model.innovations_at(
             points, self.mean, measurement.parameters, measurement.values
         )

@@ -198,6 +198,33 @@ class MeasurementModel(ABC):
         """
         return self._predict(x, parameters)[0]
 
+    def predict_each(
+        self,
+        points: Float[np.ndarray, "f m"],
+        which: Int[np.ndarray, " k"],
+        parameters: Float[np.ndarray, "q p"],
+        accompanying: Int[np.ndarray, " k"],
+    ) -> Float[np.ndarray, "k v"]:
+        """`predict` of values at some of the points with some of the parameters, none of which is copied for each.
+
+        Parameters
+        ----------
+        points : ndarray of float, shape (f, m)
+            Points of the layout.
+        which : ndarray of int, shape (k,)
+            Number of each value's point.
+        parameters : ndarray of float, shape (q, p)
+            What accompanies measurements.
+        accompanying : ndarray of int, shape (k,)
+            Number of each value's parameters.
+
+        Returns
+        -------
+        ndarray of float, shape (k, v)
+            A value for each.
+        """
+        return self._predict_each(points, parameters, rows=(which, accompanying))[0]
+
     def innovations(
         self,
         x: Float[np.ndarray, "*batch m"],
@@ -428,6 +455,10 @@ class MeasurementModel(ABC):
     def _predict(self) -> Compiled:
         x, p, _ = self._symbols
         return self._function("predict", [x, p], [self.symbolic(self.layout.unpack(x), p)])
+
+    @built_property
+    def _predict_each(self) -> Vectorised:
+        return Vectorised(self._predict.function)
 
     @built_property
     def _innovations(self) -> Compiled:

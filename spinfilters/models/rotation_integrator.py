@@ -110,21 +110,26 @@ class RotationSubsteps:
         coarse = _repeat(self.substep(), count // 2, start, constants, 2 * dt / count)
         return fine, rotation_difference(coarse, fine) / 15
 
+    def step_constants(self) -> ca.Function:
+        """x to the constants of its rotation, in the matrices of `step`, whose products scalars would sum in another order."""
+        x = ca.MX.sym("x", self._layout.mean_dim)
+        constants = rotation_parameters(self._layout, self._layout.unpack(x))
+        return ca.Function("step_constants", [x], [constants])
+
     def step_scan(self) -> VectorisedScan:
         """Substeps of many points side by side, to the bits of `step`.
 
-        Inputs: points, and of all of them dt and the duration h of a substep. Outputs: the points after dt, and their rotation
-        (q, w). A turn for every substep, without numbers of its own.
+        Inputs: points, the constants of their rotation, and of all of them dt and the duration h of a substep. Outputs: the points
+        after dt, and their rotation (q, w). A turn for every substep, without numbers of its own.
         """
-        x, dt, h = ca.SX.sym("x", self._layout.mean_dim), ca.SX.sym("dt"), ca.SX.sym("h")
-        values, y = self._layout.unpack(x), ca.SX.sym("y", 7)
-        constants, start = rotation_parameters(self._layout, values), ca.vertcat(values["q"], values["w"])
-        p, none, substep = ca.SX.sym("p", self._parameter_count), ca.SX.sym("none"), self.substep()
+        x, p = ca.SX.sym("x", self._layout.mean_dim), ca.SX.sym("p", self._parameter_count)
+        dt, h, y, none = ca.SX.sym("dt"), ca.SX.sym("h"), ca.SX.sym("y", 7), ca.SX.sym("none")
+        values, substep = self._layout.unpack(x), self.substep()
         moved = self.translated(values, y[:4], y[4:7], dt)
         return VectorisedScan(
-            ca.Function("begin", [x, dt, h], [start, constants, h]),
+            ca.Function("begin", [x, p, dt, h], [ca.vertcat(values["q"], values["w"]), p, h]),
             ca.Function("step_substeps", [y, p, h, none], [substep(y, p, h)]),
-            ca.Function("end", [x, dt, h, y], [moved, y]),
+            ca.Function("end", [x, p, dt, h, y], [moved, y]),
         )
 
     def step_error(self) -> ca.Function:
@@ -393,9 +398,10 @@ class RotationIntegrator:
         self, x: Float[np.ndarray, "k m"], dt: float, count: int
     ) -> tuple[Float[np.ndarray, "k m"], Float[np.ndarray, "k e"]]:
         """Points after dt and the estimates of their errors, by vector instructions."""
-        after, fine = self._scan(x, np.array([[dt]]), np.array([[dt / count]]), each=np.zeros((count, 1)))
-        twice = np.array([[2 * dt / count]])
-        _, coarse = self._scan(x, np.array([[dt]]), twice, each=np.zeros((count // 2, 1)))
+        (constants,) = self._step_constants(x)
+        all_of_it, fine_step, coarse_step = (np.array([[each]]) for each in (dt, dt / count, 2 * dt / count))
+        after, fine = self._scan(x, constants, all_of_it, fine_step, each=np.zeros((count, 1)))
+        _, coarse = self._scan(x, constants, all_of_it, coarse_step, each=np.zeros((count // 2, 1)))
         return after, self._step_error(coarse, fine)[0]
 
     def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
@@ -493,6 +499,10 @@ class RotationIntegrator:
     @built_property
     def _scan(self) -> VectorisedScan:
         return self.expressions.step_scan()
+
+    @built_property
+    def _step_constants(self) -> Compiled:
+        return Compiled(self.expressions.step_constants())
 
     @built_property
     def _step_error(self) -> Compiled:

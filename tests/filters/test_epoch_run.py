@@ -151,14 +151,15 @@ def test_a_vague_belief_is_updated_by_iteration_in_the_same_epochs() -> None:
 
 def test_a_call_takes_in_no_more_values_than_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     timeline, belief = sample(TRACKS)
-    few, values = timeline[1:], sum(part.end[1:] - part.first[1:] for part in timeline.sensors)
+    few = timeline[1:]
+    values = np.sum([part.end[1:] - part.first[1:] for part in timeline.sensors], axis=0)
     assert isinstance(few, LogTimeline)
     monkeypatch.setattr(loop, "MOST_VALUES", 400)
     ends, numbers = loop.ends_of_runs(few), np.arange(len(few))
     assert all(
         end == k + 1 or values[k:end].sum() <= 400 for k, end in zip(numbers, ends.tolist(), strict=True)
     )
-    assert ends.max() > 1
+    assert (ends > numbers + 1).any()
     require_same(timeline, belief)
 
 

@@ -197,5 +197,6 @@ def test_many_points_side_by_side_are_stepped_as_each_by_itself() -> None:
     process, generator = TorqueFreeProcess(layout, ProcessNoise()), np.random.default_rng(0)
     points = layout.retract(layout.origin(), 0.3 * generator.standard_normal((41, layout.error_dim)))
     for dt in (0.01, 0.5, 3.0):
-        each = np.stack([process.step(x, dt) for x in points])
-        np.testing.assert_allclose(process.step(points, dt), each, rtol=1e-8, atol=1e-8)
+        together = process.step(points, dt)
+        np.testing.assert_allclose(together, [process.step(x, dt) for x in points], rtol=1e-8, atol=1e-8)
+        np.testing.assert_array_equal(together, process.steps(points, np.full(len(points), dt)))
