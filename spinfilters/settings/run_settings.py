@@ -1,6 +1,6 @@
 """Everything that can be set about a run: tables, keys, ranges and defaults, read from and written to TOML."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
@@ -54,6 +54,19 @@ class TruthValue:
 
         truth = core_schema.bool_schema(strict=True)
         return core_schema.no_info_before_validator_function(plain_number, truth)
+
+
+def _record_of(
+    name: str, doc: str, options: Iterable[tuple[str, Any, Any]], bases: tuple[type, ...] = ()
+) -> type:
+    """Frozen dataclass of options that a table of the package lists: name, type and default of each."""
+    return make_dataclass(
+        name,
+        [(option, kind, field(default=default)) for option, kind, default in options],
+        bases=bases,
+        frozen=True,
+        namespace={"__doc__": doc, "__module__": __name__},
+    )
 
 
 @dataclass(frozen=True)
@@ -171,12 +184,11 @@ if TYPE_CHECKING:
         def __getattr__(self, name: str) -> float: ...
 
 else:
-    InitialisationOptions = make_dataclass(
+    InitialisationOptions = _record_of(
         "InitialisationOptions",
-        [(name, Annotated[float, allowed], field(default=0.0)) for name, allowed in _OPTIONAL_PRIORS.items()],
-        bases=(_OptionsOfEveryState,),
-        frozen=True,
-        namespace={"__doc__": "Options of the initialisation, see the module.", "__module__": __name__},
+        "Options of the initialisation, see the module.",
+        ((name, Annotated[float, allowed], 0.0) for name, allowed in _OPTIONAL_PRIORS.items()),
+        (_OptionsOfEveryState,),
     )
 
 
@@ -335,14 +347,10 @@ if TYPE_CHECKING:
         def __getattr__(self, name: str) -> float | str: ...
 
 else:
-    SensorSettings = make_dataclass(
+    SensorSettings = _record_of(
         "SensorSettings",
-        [
-            (name, Auto | Annotated[float, option.allowed], field(default=AUTO))
-            for name, option in noise_options().items()
-        ],
-        frozen=True,
-        namespace={"__doc__": "Standard deviations of the sensors, see the module.", "__module__": __name__},
+        "Standard deviations of the sensors, see the module.",
+        ((name, Auto | Annotated[float, option.allowed], AUTO) for name, option in noise_options().items()),
     )
 
 
@@ -362,17 +370,10 @@ if TYPE_CHECKING:
         def __getattr__(self, name: str) -> float | str: ...
 
 else:
-    CalibrationSettings = make_dataclass(
+    CalibrationSettings = _record_of(
         "CalibrationSettings",
-        [
-            (name, Auto | Annotated[float, each.allowed], field(default=AUTO))
-            for name, each in consider_parameters().items()
-        ],
-        frozen=True,
-        namespace={
-            "__doc__": "Standard deviations of the calibration, see the module.",
-            "__module__": __name__,
-        },
+        "Standard deviations of the calibration, see the module.",
+        ((name, Auto | Annotated[float, each.allowed], AUTO) for name, each in consider_parameters().items()),
     )
 
 
@@ -384,14 +385,10 @@ if TYPE_CHECKING:
         torque_psd: float | Auto = AUTO
 
 else:
-    _DensitySettings = make_dataclass(
+    _DensitySettings = _record_of(
         "_DensitySettings",
-        [
-            (each.option, Auto | Annotated[float, each.allowed], field(default=each.setting))
-            for each in DISTURBANCES
-        ],
-        frozen=True,
-        namespace={"__doc__": density_rows('float or "auto"'), "__module__": __name__},
+        density_rows('float or "auto"'),
+        ((each.option, Auto | Annotated[float, each.allowed], each.setting) for each in DISTURBANCES),
     )
 
 
