@@ -1,6 +1,6 @@
 """Everything that can be set about a run: tables, keys, ranges and defaults, read from and written to TOML."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
@@ -57,12 +57,12 @@ class TruthValue:
 
 
 def _record_of(
-    name: str, doc: str, options: Iterable[tuple[str, Any, Any]], bases: tuple[type, ...] = ()
+    name: str, doc: str, kinds: Mapping[str, Any], defaults: Mapping[str, Any], bases: tuple[type, ...] = ()
 ) -> type:
-    """Frozen dataclass of options that a table of the package lists: name, type and default of each."""
+    """Frozen dataclass of options that a table of the package lists: type and default of each."""
     return make_dataclass(
         name,
-        [(option, kind, field(default=default)) for option, kind, default in options],
+        [(option, kind, field(default=defaults[option])) for option, kind in kinds.items()],
         bases=bases,
         frozen=True,
         namespace={"__doc__": doc, "__module__": __name__},
@@ -187,7 +187,8 @@ else:
     InitialisationOptions = _record_of(
         "InitialisationOptions",
         "Options of the initialisation, see the module.",
-        ((name, Annotated[float, allowed], 0.0) for name, allowed in _OPTIONAL_PRIORS.items()),
+        {name: Annotated[float, allowed] for name, allowed in _OPTIONAL_PRIORS.items()},
+        dict.fromkeys(_OPTIONAL_PRIORS, 0.0),
         (_OptionsOfEveryState,),
     )
 
@@ -350,7 +351,8 @@ else:
     SensorSettings = _record_of(
         "SensorSettings",
         "Standard deviations of the sensors, see the module.",
-        ((name, Auto | Annotated[float, option.allowed], AUTO) for name, option in noise_options().items()),
+        {name: Auto | Annotated[float, option.allowed] for name, option in noise_options().items()},
+        dict.fromkeys(noise_options(), AUTO),
     )
 
 
@@ -373,7 +375,8 @@ else:
     CalibrationSettings = _record_of(
         "CalibrationSettings",
         "Standard deviations of the calibration, see the module.",
-        ((name, Auto | Annotated[float, each.allowed], AUTO) for name, each in consider_parameters().items()),
+        {name: Auto | Annotated[float, each.allowed] for name, each in consider_parameters().items()},
+        dict.fromkeys(consider_parameters(), AUTO),
     )
 
 
@@ -388,7 +391,8 @@ else:
     _DensitySettings = _record_of(
         "_DensitySettings",
         density_rows('float or "auto"'),
-        ((each.option, Auto | Annotated[float, each.allowed], each.setting) for each in DISTURBANCES),
+        {each.option: Auto | Annotated[float, each.allowed] for each in DISTURBANCES},
+        {each.option: each.setting for each in DISTURBANCES},
     )
 
 
