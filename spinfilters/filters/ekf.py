@@ -4,8 +4,8 @@ The formulas of predict and update, which the UKF shares, are in `spinfilters.fi
 linearises, and by which of four paths it updates:
 
 1. compiled code updates with all values in one pass, and the linear model holds over the step;
-2. without compiled code, with a robust loss, or where a sample of the values denies the large step of path 1, the values are
-   linearised here, and the linear model holds;
+2. without compiled code, with a robust loss, or where a sample of the values shows that the step is too large for path 1, the
+   values are linearised here, and the linear model holds;
 3. as 2, but the linear model does not hold: the update is iterated (`spinfilters.filters.iterated_update`);
 4. landmarks of an unknown map, which have an iteration of their own (`correct_by_landmarks`).
 
@@ -88,7 +88,7 @@ class MultiplicativeEkf(FirstOrderFilter):
     """Whether compiled code corrects: not in a filter with a correction of its own."""
 
     def __init_subclass__(cls) -> None:
-        """Let a filter that changes a step take every epoch by itself, unless it says how it takes several."""
+        """Make a subclass without its own `take_in` take each epoch by itself, outside compiled loops."""
         if "take_in" not in vars(cls):
             cls.take_in, cls.take_in_runs = Estimator.take_in, Estimator.take_in_runs
         if not {"correct_linearly", "predict_measurement"}.isdisjoint(vars(cls)):

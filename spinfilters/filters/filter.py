@@ -66,7 +66,7 @@ class PredictedMeasurement(Protocol):
 
     @property
     def innovation(self) -> Float[np.ndarray, "k d"]:
-        """Whitened innovations, measured less predicted."""
+        """Innovations, measured less predicted, whitened by the measurement noise: of covariance 1 + Y Y', not 1."""
         ...
 
     @property
@@ -100,7 +100,7 @@ class MultiplicativeFilter(Estimator):
     After an update the error is folded into the mean (4 x MRP on the body side) and the covariance moves with the derivative of
     that reset, so that it always refers to the present mean.
 
-    Where landmarks are not known, the factor has more than the state's n rows. Rows behind them are errors that all landmarks
+    Where landmarks are not known, the factor has more than the state's n rows. Rows after them are errors that all landmarks
     share, such as a turn of the whole map (`spinfilters.filters.shared_modes`), and the pose of the map's frame in frame g
     (`spinfilters.filters.landmark_map`). These errors do not change with time, and no sensor without landmarks sees them; what
     the state learns, they learn by correlation.
@@ -233,7 +233,7 @@ class MultiplicativeFilter(Estimator):
         self._adaptation.expect_motion(self.layout, predicted)
 
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Correct mean and covariance by one sensor's values; mere repetitions count as rejected.
+        """Correct mean and covariance by one sensor's values; values that only repeat those of the last epoch count as rejected.
 
         Parameters
         ----------
@@ -459,7 +459,7 @@ class MultiplicativeFilter(Estimator):
 def propagate_factor(
     factor: Float[np.ndarray, "N N"], step: LinearisedProcess, noise: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "N N"]:
-    """Lower triangular covariance factor after a step; rows behind the state's n (modes, move) do not change with time.
+    """Lower triangular covariance factor after a step; rows after the state's n (modes, move) do not change with time.
 
     Parameters
     ----------
