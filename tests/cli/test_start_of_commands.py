@@ -37,6 +37,11 @@ import pytest
             "from spinfilters.filters.filterpy_points import merwe_points; merwe_points(2, 1.0, 2.0, 0.0)",
             ("filterpy", "scipy.stats", "scipy.optimize"),
         ),
+        (
+            "from numpy import ones; from spinfilters.verdict.model_errors.noise_components import weighted_chi_square_tail; "
+            "weighted_chi_square_tail(ones(2), 3.0, 5.0)",
+            ("scipy.stats", "scipy.optimize"),
+        ),
     ],
 )
 def test_nothing_is_loaded_before_it_is_needed(started: str, unneeded: tuple[str, ...]) -> None:
