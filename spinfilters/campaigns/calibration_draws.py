@@ -7,7 +7,7 @@ several explanations of the measurements (`EstimateHistory.mixture`), and of a G
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Final
 
 import numpy as np
@@ -37,10 +37,12 @@ RATE_RPM: Final = (3.0, 12.0)
 """Least and largest rate of rotation, log-uniform; its direction is uniform."""
 LEVELS: Final = {
     "gyro": {"gyro_std": (2e-4, 2e-2)},
+    "attitude": {"attitude_std": (2e-3, 3e-2)},
     "pose": {"position_std": (1e-3, 2e-2), "rotation_std": (2e-3, 3e-2)},
+    "lidar-points": {"lidar_range_std": (3e-3, 3e-2), "lidar_angle_std": (1e-4, 1e-3)},
     "stereo-tracks": {"pixel_std": (0.3, 2.0)},
 }
-"""Least and largest standard deviation of each sensor's noise, log-uniform."""
+"""Least and largest standard deviation of each sensor's noise, log-uniform, by field of a scenario or by noise option."""
 PSD: Final = (1e-7, 1e-5)
 """Least and largest density of the disturbing torque, (rad/s^2)^2/Hz, and of the force, (m/s^2)^2/Hz; log-uniform."""
 CENTRE_STD: Final = 0.02
@@ -117,6 +119,7 @@ def drawn_scenario(sensor: str, seed: int) -> Scenario:
     rates = level(RATE_RPM) * direction / np.linalg.norm(direction)
     x, y, z = (second.sum() - second).tolist()
     noise = {name: level(ends) for name, ends in LEVELS[sensor].items()}
+    own = {each.name for each in fields(Scenario)}
     yaw, pitch, roll = generator.uniform(-1.0, 1.0, 3).tolist()
     u, v, w = rates.tolist()
     a, b, c = (CENTRE_STD * generator.standard_normal(3)).tolist()
@@ -130,7 +133,10 @@ def drawn_scenario(sensor: str, seed: int) -> Scenario:
         noise=ProcessNoise(force_psd=level(PSD), torque_psd=level(PSD)),
         seed=seed,
     )
-    return replace(scenario, **noise)
+    options = tuple((name, std) for name, std in noise.items() if name not in own)
+    return replace(
+        scenario, sensor_noise=options, **{name: std for name, std in noise.items() if name in own}
+    )
 
 
 def made_draws(sensor: str, seed: int, estimators: Sequence[str], stated: bool) -> list[CalibrationDraw]:

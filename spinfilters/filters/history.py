@@ -392,6 +392,7 @@ class GrowingHistory:
                 noise=(),
                 mass=None,
                 posterior=None,
+                mixture=None,
                 **self.arrays(),
             )
         count = len(before["time"])
@@ -408,6 +409,7 @@ class GrowingHistory:
             noise=(),
             mass=None,
             posterior=None,
+            mixture=None,
             **arrays,
         )
 
