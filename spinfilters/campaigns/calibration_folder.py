@@ -107,7 +107,7 @@ def read_draws(folder: Path, study: CalibrationStudy) -> dict[int, list[Calibrat
 
 
 def add_draw(folder: Path, study: CalibrationStudy, seed: int, draws: Sequence[CalibrationDraw]) -> None:
-    """Write a draw, by all estimators, as one line behind the others.
+    """Write a draw, by all estimators, as one line after the others.
 
     Raises
     ------

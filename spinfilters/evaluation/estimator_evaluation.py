@@ -25,6 +25,7 @@ from spinfilters.evaluation.trajectory_errors import (
     RmsErrors,
     TruthErrors,
     body_errors,
+    inertial_turn,
     root_mean_square,
     tells_first_frame,
     truth_errors,
@@ -297,9 +298,13 @@ class Evaluation:
     @property
     def truth_in_own_frames(self) -> Truth | None:
         """The truth in the estimate's frames i and g; None without one, or where a fit of the frames g relates them."""
+        return self.truth_in_own_frames_at(slice(None))
+
+    def truth_in_own_frames_at(self, rows: slice | Int[np.ndarray, " k"]) -> Truth | None:
+        """`truth_in_own_frames` at some stamps of the truth, by ascending rows."""
         if self.truth is None or self.alignment is Alignment.BODY_FRAME:
             return None
-        return truth_in_estimate_frames(self.history, self.truth, self.alignment)
+        return truth_in_estimate_frames(self.history, self.truth, self.alignment, rows)
 
     @property
     def bodies(self) -> BodyHistory:
@@ -487,8 +492,10 @@ def _compare_with_truth(
     evaluation: Evaluation, trajectory: Trajectory, truth: Truth, alignment: Alignment
 ) -> Evaluation:
     history = evaluation.history
-    common = truth_in_estimate_frames(history, truth, alignment)
-    errors = truth_errors(trajectory, common if alignment is Alignment.INERTIAL_FRAME else truth, alignment)
+    is_turned = alignment is Alignment.INERTIAL_FRAME
+    turn = inertial_turn(history, truth) if is_turned else None
+    common = truth if is_turned else truth_in_estimate_frames(history, truth, alignment)
+    errors = truth_errors(trajectory, truth, alignment, turn)
     frame = errors.frame if alignment is Alignment.BODY_FRAME else None
     exact = alignment in (Alignment.NONE, Alignment.FIRST_FRAME)
     known = exact and knows_state(common, history.layout) and bool(finite_epochs(history).any())

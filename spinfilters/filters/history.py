@@ -20,7 +20,7 @@ FEWEST_EPOCHS = 64
 """Epochs for which a history first makes room when their number is unknown."""
 
 RELEASED = 8192
-"""Epochs behind which a history that is in a file gives its memory back."""
+"""Epochs after which a history that is in a file gives its memory back."""
 
 EPOCH_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *COUNTS)
 """Arrays of a history; each has a row per epoch."""
@@ -54,7 +54,7 @@ class EstimateHistory:
         Seconds per epoch, prediction and update.
     initialisation : int
         How many of the first epochs are a filter's initialisation, which a smoother has made; nothing of them is counted.
-        The filter's own begin behind them.
+        The filter's own begin after them.
     observations : ndarray of int, shape (n,) or None
         Number of measurements of each epoch, used or not; None where it is unknown.
     noise : tuple[VarianceComponent, ...]

@@ -149,7 +149,7 @@ def begin_after_initialisation(smoother: RecursiveSmoother, setup: Setup) -> lis
 
 
 def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
-    """Every epoch given all measurements; ``passed`` are those behind the initialisation, as they came."""
+    """Every epoch given all measurements; ``passed`` are those after the initialisation, as they came."""
     first, status = len(setup.initial.mean), passed.status
     rows, found = settled_at_levels(smoother, setup)
     rows = rows[: first + len(passed.time)]

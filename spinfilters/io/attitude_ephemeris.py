@@ -33,7 +33,7 @@ _STK_FORMATS: Final = {
     "attitudetimequatscalarfirst": (2, 3, 4, 1),
     "attitudetimequatangvels": (1, 2, 3, 4),
 }
-"""Places of x, y, z and w behind the time, by the keyword above the rows."""
+"""Places of x, y, z and w after the time, by the keyword above the rows."""
 _BODY = re.compile(r"SC_BODY|SPACECRAFT|BODY|INSTRUMENT|SENSOR|BUS", re.IGNORECASE)
 """Frames of CCSDS that are fixed in the spacecraft."""
 _KEY = re.compile(r"\s*([A-Za-z_]+)\s*=\s*(.*?)\s*(?:\[.*\]\s*)?")

@@ -1,4 +1,4 @@
-"""Logs of a serial port: lines of labels with numbers, as microcontrollers print them, perhaps behind the time of each line.
+"""Logs of a serial port: lines of labels with numbers, as microcontrollers print them, perhaps after the time of each line.
 
 Examples: ``12:34:05.020 -> gx:0.31 gy:1.49 gz:0.06``, and ``Rotation X: 0.31, Y: 1.49, Z: 0.06 rad/s``.
 """

@@ -24,7 +24,7 @@ _SPELLED: Final = (
     (
         re.compile(r"^_*(.*\w),_*((?:m?rad|m?deg)/s|m?dps|[mun]?s|[mc]?m|g|m/s\^?2)$"),
         r"\1 (\2)",
-    ),  # a unit behind a comma
+    ),  # a unit after a comma
 )
 """Names of single columns, and what they say here."""
 _BIAS = re.compile(r"^b_[wa]_[A-Z]{1,3}")

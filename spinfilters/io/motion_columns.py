@@ -85,7 +85,7 @@ class Heading:
     axis : str
         "x", "y", "z" or "w"; of a rotation matrix, row and column; empty of time.
     unit : str
-        Canonical spelling, empty where none is stated, behind a question mark where it is unknown.
+        Canonical spelling, empty where none is stated, after a question mark where it is unknown.
     is_si : bool
         Whether its name, without a unit, is that of a quantity in SI by convention.
     """

@@ -80,7 +80,7 @@ class TableLayout:
 
     @property
     def comment(self) -> str | None:
-        """Mark of a comment behind the cells of a line; None where there are no comments."""
+        """Mark of a comment after the cells of a line; None where there are no comments."""
         if not self.comments:
             return None
         return "#" if self.delimiter is None else " #"
@@ -101,7 +101,7 @@ class TableLayout:
     def cells(self, text: str) -> list[str]:
         """Cells of a line's content, without quotes and blanks around them, with points as decimal marks.
 
-        An empty cell behind all columns is left out where the table is not strict.
+        An empty cell after all columns is left out where the table is not strict.
         """
         cells: list[str] | None = None
         if self.quote is not None and self.quote in text:
@@ -340,7 +340,7 @@ def _bare_unit(cell: str) -> str:
 
 
 def _stated_length(lines: Sequence[_NumberedLine]) -> str:
-    """Unit behind the words "Length Units" above a header; empty without them."""
+    """Unit after the words "Length Units" above a header; empty without them."""
     for _, line in lines:
         cells = _split(line, ",")
         if "Length Units" in cells[:-1]:
@@ -373,7 +373,7 @@ def _has_stated(line: str, names: Sequence[str]) -> bool:
 
 
 def _ends_empty(line: str, delimiter: str | None) -> bool:
-    """Whether the last cell of a line is empty, as behind a delimiter at its end."""
+    """Whether the last cell of a line is empty, as after a delimiter at its end."""
     return delimiter is not None and line.rstrip(" \r\n").endswith(delimiter)
 
 

@@ -31,7 +31,7 @@ MOST_ARRAYS, LARGEST_RATIO, SMALL = 10_000, 50, 1 << 20
 PIECE = 1 << 17
 """Elements of an array that are written at a time."""
 RELEASED = 8
-"""Pieces behind which an array in a file gives its memory back."""
+"""Pieces after which an array in a file gives its memory back."""
 KINDS = "biufU"
 """Kinds of elements that a file may hold: truth values, numbers and words, never objects."""
 
