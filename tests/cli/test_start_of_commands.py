@@ -9,6 +9,7 @@ import pytest
 @pytest.mark.parametrize(
     ("started", "unneeded"),
     [
+        ("import spinfilters.cli.entry_point", ("argparse", "logging", "inspect", "dataclasses", "difflib")),
         ("import spinfilters.cli.main", ("numpy", "casadi", "rich", "pydantic", "matplotlib")),
         (
             "from spinfilters.cli.main import main; main(['compare', 'no-such-recording.csv'])",
