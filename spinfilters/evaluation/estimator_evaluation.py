@@ -298,10 +298,10 @@ class Evaluation:
     @property
     def truth_in_own_frames(self) -> Truth | None:
         """The truth in the estimate's frames i and g; None without one, or where a fit of the frames g relates them."""
-        return self.truth_in_own_frames_at(slice(None))
+        return self.truth_in_own_frames_at(None)
 
-    def truth_in_own_frames_at(self, rows: slice | Int[np.ndarray, " k"]) -> Truth | None:
-        """`truth_in_own_frames` at some stamps of the truth, by ascending rows."""
+    def truth_in_own_frames_at(self, rows: Int[np.ndarray, " k"] | None) -> Truth | None:
+        """`truth_in_own_frames` at some stamps of the truth, by ascending rows; at all where None."""
         if self.truth is None or self.alignment is Alignment.BODY_FRAME:
             return None
         return truth_in_estimate_frames(self.history, self.truth, self.alignment, rows)
