@@ -297,14 +297,14 @@ def truth_in_estimate_frames(
     history: EstimateHistory,
     truth: Truth,
     alignment: Alignment,
-    rows: slice | Int[np.ndarray, " k"] = slice(None),
+    rows: Int[np.ndarray, " k"] | None = None,
 ) -> Truth:
     """The truth in the estimate's frames i and g; as it is where nothing or a fit of both frames g relates them.
 
     Parameters
     ----------
-    rows : slice or (k,) int array
-        Stamps of the truth that are wanted, ascending; the frames are found from all.
+    rows : (k,) int array or None
+        Stamps of the truth that are wanted, ascending, None for all; the frames are found from all.
 
     Raises
     ------
@@ -318,13 +318,13 @@ def truth_in_estimate_frames(
     return _chosen(truth, rows)
 
 
-def _chosen(truth: Truth, rows: slice | Int[np.ndarray, " k"]) -> Truth:
+def _chosen(truth: Truth, rows: Int[np.ndarray, " k"] | None) -> Truth:
     """Some stamps of a truth, itself where all are wanted."""
-    return truth if isinstance(rows, slice) and rows == slice(None) else truth.chosen(rows)
+    return truth if rows is None else truth.chosen(rows)
 
 
 def truth_in_first_frame(
-    history: EstimateHistory, truth: Truth, rows: slice | Int[np.ndarray, " k"] = slice(None)
+    history: EstimateHistory, truth: Truth, rows: Int[np.ndarray, " k"] | None = None
 ) -> Truth:
     """The truth in the g that has the estimated pose at the history's first frame.
 
