@@ -46,7 +46,7 @@ ACTING: Final[tuple[Rationals, ...]] = tuple(
 )
 """Taylor coefficients of known inputs, one after the other: something that varies, in N m or m/s^2."""
 NOTHING: Final = rationals((0.0, 0.0))
-"""Taylor coefficients behind the first of an input that does not vary."""
+"""Taylor coefficients after the first of an input that does not vary."""
 WIDE_POSE_STD: Final = {"t": 1.0, "a": 1.0}
 """Prior of the first pose of g where it is no definition, m and rad."""
 LONGEST_DRIFT: Final = 0.25

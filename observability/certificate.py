@@ -190,7 +190,7 @@ def _additive(system: System) -> list[bool]:
 
 
 NAMED_AFTER_KIND = ("gauge translation", "gauge rotation", INERTIAL_ATTITUDE)
-"""Kinds whose directions are named behind the kind: by themselves they do not say what moves."""
+"""Kinds whose directions are named after the kind: by themselves they do not say what moves."""
 DIRECTED = (*NAMED_AFTER_KIND, "centre of mass", "roll of the principal axes")
 """Kinds that mean one direction of several, which is then named."""
 ROUNDING = 1e-12

@@ -138,7 +138,7 @@ class ReachedModel:
         return [[names.index(name) for name in each] for each in vectors]
 
     def jet_columns(self, order: int) -> Int[np.ndarray, " k"]:
-        """Columns of the unknown inputs' coefficients of an order from 1 on, behind the value and the unknowns' tangents."""
+        """Columns of the unknown inputs' coefficients of an order from 1 on, after the value and the unknowns' tangents."""
         count = len(self.unknown_inputs)
         return 1 + len(self.unknowns) + (order - 1) * count + np.arange(count)
 
@@ -459,7 +459,7 @@ def _with_unknown_inputs(part: ReachedModel, point: DrawnPoint, generator: np.ra
 
 
 def reduced_without_jets(rows: Num[np.ndarray, "r m"], unknowns: int, field: PrimeField) -> Reduced:
-    """Columns of the unknowns, which are the first, reduced behind an elimination of all others."""
+    """Columns of the unknowns, which are the first, reduced after an elimination of all others."""
     jets = rows.shape[1] - unknowns
     ordered = np.concatenate([rows[:, unknowns:], rows[:, :unknowns]], axis=1)
     rest = reduce_columns(ordered[np.newaxis], jets, field).rest[0, :, jets:]

@@ -2,7 +2,7 @@
 
 import sys
 
-from spinfilters.cli.main import main
+from spinfilters.cli.entry_point import main
 
 if __name__ == "__main__":
     sys.exit(main())

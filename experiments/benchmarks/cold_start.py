@@ -4,7 +4,6 @@ Imports, then a first solution with models compiled before, or with none.
 """
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -16,6 +15,7 @@ import numpy as np
 
 from experiments.benchmarks.smoother_checks import BenchmarkCheck
 from experiments.benchmarks.smoother_workload import NOISE, Workload
+from experiments.benchmarks.stopwatch import users_environment
 
 IMPORT_SECONDS: Final = 0.7
 WARM_SECONDS: Final = 2.0
@@ -55,12 +55,12 @@ def _check(what: str, seconds: np.ndarray, bar: float) -> BenchmarkCheck:
 
 
 def _import_seconds(module: str) -> float:
-    return float(_output([sys.executable, "-c", TIMED_IMPORT.format(module)], dict(os.environ)))
+    return float(_output([sys.executable, "-c", TIMED_IMPORT.format(module)], users_environment()))
 
 
 def _first_solve(file: Path, cache: Path | None) -> np.ndarray:
     """Seconds since the first import, after each stage; see `first_solve`."""
-    environment = dict(os.environ)
+    environment = users_environment()
     if cache is not None:
         environment["SPINFILTERS_CACHE"] = str(cache)
     command = [sys.executable, "-m", "experiments.benchmarks.first_solve", str(file)]
@@ -68,9 +68,8 @@ def _first_solve(file: Path, cache: Path | None) -> np.ndarray:
 
 
 def _output(command: list[str], environment: dict[str, str]) -> str:
-    """Standard output of a new process, which has bytecode as an installed package has."""
-    own = {name: value for name, value in environment.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    return subprocess.run(command, env=own, check=True, capture_output=True, text=True).stdout
+    """Standard output of a new process."""
+    return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
 
 
 def _write(workload: Workload, file: Path) -> None:

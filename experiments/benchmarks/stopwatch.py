@@ -43,6 +43,11 @@ ONE_THREAD: Final[dict[str, str]] = dict.fromkeys(
 )
 
 
+def users_environment() -> dict[str, str]:
+    """Environment variables but the one that forbids Python to keep its compiled modules, which every installation has."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+
+
 class CommandCost(NamedTuple):
     """What a command took.
 
@@ -70,7 +75,7 @@ def cost_of_command(command: Sequence[str], **environment: str) -> CommandCost:
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         cwd=tempfile.gettempdir(),
-        env={**os.environ, **environment},
+        env={**users_environment(), **environment},
     )
     _, status, used = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)

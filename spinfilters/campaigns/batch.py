@@ -205,7 +205,7 @@ def _evaluations(
     whole: np.ndarray,
     seconds: float,
 ) -> list[Evaluation]:
-    """Evaluations of the runs that were taken in whole, from one history of all of them, one behind the other."""
+    """Evaluations of the runs that were taken in whole, from one history of all of them, one after the other."""
     if not whole.size:
         return []
     layout, times, count = setup.process.layout, times_of(setup.timeline), len(setup.timeline)

@@ -133,7 +133,7 @@ class Runner:
         return {"outcome": "done", "reason": ""} | found | limits
 
     def shared_begin(self, run: CampaignRun) -> float | None:
-        """Time of the first epoch behind the filters' initialisation, s; None where each estimator has its own epochs."""
+        """Time of the first epoch after the filters' initialisation, s; None where each estimator has its own epochs."""
         if self.study.options.epochs == "own":
             return None
         setup = self.setup(run)

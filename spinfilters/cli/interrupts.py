@@ -11,7 +11,6 @@ import sys
 from _thread import interrupt_main
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import make_dataclass
 from threading import Timer, current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING, Final, TypeVar
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T")
+INTERRUPTED: Final = "interrupted; nothing unfinished is left behind, run the command again"
 _pressed: list[int] = []
 """Not empty once Ctrl-C was pressed in the command that runs."""
 
@@ -77,8 +77,12 @@ def noted_interrupts() -> Iterator[list[int]]:
             timer.cancel()
         sys.unraisablehook = shown
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        # Python notes a Ctrl-C that hits while a dataclass is made, and ends ``python -m`` as by a signal; the next one clears that
-        make_dataclass("Cleared", ())
+        if _pressed:
+            from dataclasses import make_dataclass
+
+            # Python notes a Ctrl-C that hits while a dataclass is made, and ends ``python -m`` as by a signal: the next one
+            # clears that
+            make_dataclass("Cleared", ())
 
 
 def _would_be_lost(frame: FrameType | None) -> bool:

@@ -18,13 +18,12 @@ from typing import Any, Final, NoReturn
 from spinfilters import __version__
 from spinfilters.cli.commands import COMMANDS, ListedCommand
 from spinfilters.cli.common_options import prints_text
-from spinfilters.cli.interrupts import noted_interrupts
+from spinfilters.cli.interrupts import INTERRUPTED, noted_interrupts
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.core.plugins import plugin_in
 from spinfilters.io.input_file import nearest_text, printable, value_text
 
 EXIT_OK, EXIT_BAD_INPUT = 0, 2
-INTERRUPTED: Final[str] = "interrupted; nothing unfinished is left behind, run the command again"
 PACKAGES: Final[tuple[str, ...]] = ("spinfilters", "observability")
 """Those whose lines an unexpected error names."""
 LONGEST_COMPLAINT: Final[int] = 500

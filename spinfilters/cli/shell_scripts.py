@@ -11,7 +11,7 @@ from spinfilters.io.argument_fields import GivenField
 
 @dataclass(frozen=True)
 class CompletedCommand:
-    """What can stand behind the words of a command.
+    """What can stand after the words of a command.
 
     Attributes
     ----------

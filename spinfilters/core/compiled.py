@@ -303,7 +303,7 @@ def _broadcast(
 
     An array that all items share is kept whole with stride 0; any other is expanded to the batch, with the stride of an item.
     """
-    # behind the batch axes stand one axis of a vector or two of a matrix
+    # after the batch axes stand one axis of a vector or two of a matrix
     trailing = [1 if cols == 1 else 2 for _, cols in sizes]
     shapes = [array.shape[: array.ndim - t] for array, t in zip(arrays, trailing, strict=True)]
     batch = shapes[0] if shapes else ()

@@ -7,7 +7,7 @@ Frames
     ``c`` camera: x right, y down, z forward.  ``g`` geometric: rigidly on the body, landmarks live in it.
     ``b`` body: principal axes at the centre of mass. It is a result, never a state.
 Maps
-    ``R_ab`` and ``q_ab`` map coordinates in b to coordinates in a; ``T_ab = (R_ab, t_ab)``: p_a = R_ab p_b + t_ab.
+    ``R_xy`` and ``q_xy`` map coordinates in frame y to coordinates in frame x; ``T_xy = (R_xy, t_xy)``: p_x = R_xy p_y + t_xy.
 Quaternions
     Hamilton product, scalar last ``[x, y, z, w]`` (as SciPy, ROS and TUM). ``q_ig`` maps g to i; R(q (x) p) = R(q) R(p).
 Attitude error
@@ -17,8 +17,8 @@ State blocks (error dimension; defined in `spinfilters.models.state_blocks`)
     ``t`` 3  origin of g in i, m                 ``a`` 3  attitude error of q_ig, rad
     ``v`` 3  velocity of the centre of mass, i, m/s   ``w`` 3  body rate, g axes, rad/s
     ``c`` 3  centre of mass in g, m              ``s`` 5  mass distribution (see `spinfilters.core.mass_distribution`)
-    Letters of blocks have nothing to do with those of frames. The attitude has two: its mean is ``q`` (4) in expressions, its
-    error ``a`` (3) in layouts and covariances.
+    Letters of blocks have nothing to do with those of frames: axes on the body are those of g in every block. The attitude has two
+    letters: its mean is ``q`` (4) in expressions, its error ``a`` (3) in layouts and covariances.
     Optional, each where a data set or a setting asks for it:
     ``d`` 1  aerodynamic drag, 1/rad             ``l`` 1  drag linear in the rate, 1/s
     ``b`` 3  bias of the gyro, g axes, rad/s     ``k`` 1  scale error of the gyro, 1

@@ -110,7 +110,7 @@ STRETCH = 1024
 
 
 RELEASED: Final = 8
-"""Stretches behind which an array in a file gives its memory back."""
+"""Stretches after which an array in a file gives its memory back."""
 
 
 def by_stretches(

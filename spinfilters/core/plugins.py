@@ -13,8 +13,6 @@ A layer below such a tuple that needs its members, as files need the formats of 
 from collections.abc import Callable, Iterable
 from enum import EnumType
 from functools import cache
-from inspect import get_annotations
-from traceback import walk_tb
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from spinfilters.core.errors import InputError
@@ -212,10 +210,12 @@ def plugin_in(error: BaseException) -> str | None:
     error : BaseException
         An error with its traceback.
     """
-    for frame, _ in walk_tb(error.__traceback__):
-        top = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+    trace = error.__traceback__
+    while trace is not None:
+        top = str(trace.tb_frame.f_globals.get("__name__", "")).partition(".")[0]
         if top in _MODULES:
             return f"{_MODULES[top]} failed: {_text_of(error)}"
+        trace = trace.tb_next
     return None
 
 
@@ -261,6 +261,8 @@ def _is_file_name(name: object) -> bool:
 
 def _stated_types(kind: type) -> dict[str, type]:
     """Attributes whose annotation in a class or its bases is a class itself, by name."""
+    from inspect import get_annotations  # of plug-ins only: every command would load it first
+
     found: dict[str, type] = {}
     for each in reversed(kind.__mro__):
         found |= {

@@ -21,9 +21,9 @@ from spinfilters.core.linear_algebra import (
     regular_factors,
 )
 from spinfilters.core.mass_distribution import from_inertia
-from spinfilters.evaluation.trajectory_errors import common_stamps
+from spinfilters.evaluation.trajectory_errors import common_stamps, rows_within
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.io.truth import BODY_KEYS, Truth, truth_in_moved_frame
+from spinfilters.io.truth import BODY_KEYS, TRAJECTORY_FIELDS, Truth, truth_in_moved_frame
 from spinfilters.models.state_blocks import BLOCKS, MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.models.state_layout import StateLayout
 
@@ -55,9 +55,9 @@ class NormalisedErrors:
         return float(np.mean(self.total)) / self.dof
 
     def within(self, begin: float, end: float) -> "NormalisedErrors | None":
-        """Errors within a span of time (s), both ends included; None without any."""
-        rows = np.flatnonzero((self.time >= begin) & (self.time <= end))
-        if not rows.size:
+        """Errors within a span of time (s), both ends included, without copies; None without any."""
+        rows = rows_within(self.time, begin, end)
+        if rows.start == rows.stop:
             return None
         blocks = {block: values[rows] for block, values in self.blocks.items()}
         return NormalisedErrors(self.time[rows], self.total[rows], self.dof, blocks)
@@ -87,8 +87,10 @@ def knows_state(truth: Truth, layout: StateLayout) -> bool:
     return known.issuperset(layout.blocks)
 
 
-def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
-    """True states of the layout at every stamp of the truth, in the truth's frames i and g.
+def true_states(
+    truth: Truth, layout: StateLayout, rows: slice | Int[np.ndarray, " n"] = slice(None)
+) -> Float[np.ndarray, "n m"]:
+    """True states of the layout at every stamp of the truth or at some of them, in the truth's frames i and g.
 
     Raises
     ------
@@ -100,24 +102,30 @@ def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
             f"the truth does not contain all of the blocks {', '.join(layout.blocks)}; give what truth.toml can hold of "
             f"{', '.join(BODY_KEYS)}"
         )
-    values = _fields(truth) | {RATE.name: rotate(inverse(truth.q_ig), truth.rate_i)}
+    q, time = truth.q_ig[rows], truth.time[rows]
+    values = _fields(truth, rows) | {RATE.name: rotate(inverse(q), truth.rate_i[rows])}
     if truth.center_of_mass_g is not None:
         values[POSITION.name] = (
-            truth.center_of_mass - matrix_from_quaternion(truth.q_ig) @ truth.center_of_mass_g
+            truth.center_of_mass[rows] - matrix_from_quaternion(q) @ truth.center_of_mass_g
         )
     if truth.principal_moments is not None and truth.principal_axes_g is not None:
         axes = truth.principal_axes_g
         values[MASS_DISTRIBUTION.name] = from_inertia(axes.T @ np.diag(truth.principal_moments) @ axes)
-    x = np.empty((len(truth.time), layout.mean_dim))
+    x = np.empty((len(time), layout.mean_dim))
     for block in layout.blocks:
         x[:, layout.mean_slice(block)] = values[block]
     return x
 
 
-def _fields(truth: Truth) -> dict[str, np.ndarray]:
-    """Points of the blocks that the truth holds as such, by name."""
-    told = {block.name: getattr(truth, block.truth_field) for block in BLOCKS.values() if block.truth_field}
-    return {name: point for name, point in told.items() if point is not None}
+def _fields(truth: Truth, rows: slice | Int[np.ndarray, " n"] = slice(None)) -> dict[str, np.ndarray]:
+    """Points of the blocks that the truth holds as such, by name, at some of its stamps."""
+    told = {block.name: block.truth_field for block in BLOCKS.values() if block.truth_field}
+    points = {name: getattr(truth, field) for name, field in told.items()}
+    return {
+        name: point[rows] if told[name] in TRAJECTORY_FIELDS else point
+        for name, point in points.items()
+        if point is not None
+    }
 
 
 def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:
@@ -139,12 +147,12 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     """
     layout = history.layout
     rows, true_rows = _comparable_epochs(history, truth)
-    error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
     moved = _frame_changes(truth, layout)[true_rows] if truth.frame_is_fitted else None
 
     def derive(part: slice) -> dict[str, np.ndarray]:
         """Quantities of a stretch of epochs."""
-        away, factor = error[part], history.factor[rows[part]]
+        factor = history.factor[rows[part]]
+        away = layout.local(history.mean[rows[part]], true_states(truth, layout, true_rows[part]))
         blocks = {
             b: normalised_square(away[:, layout.slice(b)], factor[:, layout.slice(b)]) for b in layout.blocks
         }
@@ -177,14 +185,14 @@ def rotation_nees(history: EstimateHistory, truth: Truth) -> NormalisedErrors | 
     rows, true_rows = _comparable_epochs(history, truth)
     if not len(rows):
         return None
-    error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
     components = np.arange(layout.error_dim)
     columns = {block: components[layout.slice(block)] for block in (RATE.name, MASS_DISTRIBUTION.name)}
     both = np.concatenate(list(columns.values()))
 
     def derive(part: slice) -> dict[str, np.ndarray]:
         """NEES of a stretch of epochs."""
-        away, factor = error[part], history.factor[rows[part]]
+        factor = history.factor[rows[part]]
+        away = layout.local(history.mean[rows[part]], true_states(truth, layout, true_rows[part]))
         return {
             name: normalised_square(away[:, at], factor[:, at])
             for name, at in {"total": both, **columns}.items()

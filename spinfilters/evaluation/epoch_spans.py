@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from spinfilters.evaluation.consistency import NormalisedErrors
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.stated_errors import stated_errors
-from spinfilters.evaluation.trajectory_errors import RmsErrors, TruthErrors, common_stamps
+from spinfilters.evaluation.trajectory_errors import RmsErrors, TruthErrors, common_stamps, rows_within
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.timeline import Timeline, by_sensor, times_of
 from spinfilters.io.truth import Truth
@@ -63,9 +63,9 @@ class ObservationUse:
 
 def observation_use(history: EstimateHistory, begin: float, end: float = np.inf) -> ObservationUse | None:
     """Use of observations in the estimator's own epochs from begin to end (s), both within; None without any."""
-    rows = np.flatnonzero((history.time >= begin) & (history.time <= end))
-    rows = rows[rows >= history.initialisation]
-    if not rows.size:
+    within = rows_within(history.time, begin, end)
+    rows = slice(max(within.start, history.initialisation), within.stop)
+    if rows.start >= rows.stop:
         return None
     available = None if history.observations is None else history.observations[rows]
     return ObservationUse(history.accepted[rows], history.rejected[rows], available)

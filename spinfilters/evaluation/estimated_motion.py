@@ -78,8 +78,8 @@ class Trajectory:
     @property
     def is_finite(self) -> Bool[np.ndarray, " n"]:
         """Epochs whose motion is finite, whatever its uncertainty."""
-        motion = np.hstack([self.position, self.q_ig, self.velocity, self.rate_i])
-        return np.asarray(np.isfinite(motion).all(axis=1))
+        motion = (self.position, self.q_ig, self.velocity, self.rate_i)
+        return np.logical_and.reduce([np.isfinite(each).all(axis=1) for each in motion])
 
     def at(self, rows: Int[np.ndarray, " k"]) -> "Trajectory":
         """The trajectory at some epochs."""

@@ -1,4 +1,4 @@
-"""Errors of a prediction where the truth goes on behind the measurements, with what the prediction states of them."""
+"""Errors of a prediction where the truth goes on after the measurements, with what the prediction states of them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ class PredictionErrors:
     judge : str
         "truth", or the name of the reference.
     ahead : (k,) float array
-        Time behind the last measurement, s.
+        Time after the last measurement, s.
     courses : mapping of str to ErrorCourse
         By the names of `UNITS`; those that the judge knows.
     nees : (k,) float array or None

@@ -93,7 +93,7 @@ class AttitudeCourse:
 
 @dataclass(frozen=True)
 class MotionInFrames:
-    """Attitudes and rates of a reference or of the truth in the frames of an estimate, behind its last epoch too.
+    """Attitudes and rates of a reference or of the truth in the frames of an estimate, after its last epoch too.
 
     Attributes
     ----------

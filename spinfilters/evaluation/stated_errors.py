@@ -75,13 +75,16 @@ def _block_errors(evaluation: Evaluation) -> dict[str, float]:
     """Errors of the state after the last epoch by block, where the truth holds every block."""
     history, layout, error = evaluation.history, evaluation.history.layout, evaluation.last_error
     if error is None:
-        truth = evaluation.truth_in_own_frames
+        truth = evaluation.truth
         if truth is None or not knows_state(truth, layout):
             return {}
         _, rows = common_stamps(history.time[-1:], truth.time)
+        true = evaluation.truth_in_own_frames_at(rows)
+        if true is None:
+            return {}
         if not np.isfinite(history.mean[-1]).all():
             return {"state": np.inf}
-        error = layout.local(history.mean[-1], true_states(truth, layout)[rows[0]])
+        error = layout.local(history.mean[-1], true_states(true, layout)[0])
     std = np.linalg.norm(history.factor[-1], axis=1)
     named = [block for block in layout.blocks if block != MASS_DISTRIBUTION.name]
     parts = {block: layout.slice(block) for block in named}

@@ -13,6 +13,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import STRETCH, by_stretches
 from spinfilters.evaluation.estimated_motion import Trajectory
 from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.measurement_log import normalised
 from spinfilters.io.truth import Truth, truth_in_moved_frame
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.state_layout import POSE_BLOCKS
@@ -82,9 +83,9 @@ class TruthErrors:
         return RmsErrors(position, root_mean_square(self.attitude), velocity, root_mean_square(self.rate))
 
     def within(self, begin: float, end: float) -> "TruthErrors | None":
-        """Errors within a span of time (s), both ends included; None without any."""
-        rows = np.flatnonzero((self.time >= begin) & (self.time <= end))
-        if not rows.size:
+        """Errors within a span of time (s), both ends included, without copies; None without any."""
+        rows = rows_within(self.time, begin, end)
+        if rows.start == rows.stop:
             return None
         return TruthErrors(
             self.time[rows],
@@ -130,10 +131,26 @@ class BodyErrors:
     center_of_mass_g: Float[np.ndarray, "3"] | None
 
 
-def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Alignment.NONE) -> TruthErrors:
+def rows_within(time: Float[np.ndarray, " n"], begin: float, end: float) -> slice:
+    """Rows of ascending times (s) within a span, both ends included; a slice, so that no array is copied."""
+    return slice(int(np.searchsorted(time, begin)), int(np.searchsorted(time, end, side="right")))
+
+
+def truth_errors(
+    trajectory: Trajectory,
+    truth: Truth,
+    alignment: Alignment = Alignment.NONE,
+    turn: Float[np.ndarray, "4"] | None = None,
+) -> TruthErrors:
     """Errors of a trajectory at its common stamps with the truth, where it is finite; nothing is interpolated.
 
     `Alignment.FIRST_FRAME` takes the first common stamp for the frame that defines g (`tells_first_frame`).
+
+    Parameters
+    ----------
+    turn : (4,) float array or None
+        Rotation of the truth's frame i into that of the estimate (`inertial_turn`), for an estimate of rotation alone; None where
+        both are the same.
 
     Raises
     ------
@@ -146,11 +163,15 @@ def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Al
     def derive(part: slice) -> dict[str, np.ndarray]:
         """Quantities of a stretch of epochs."""
         here, there = rows[part], true_rows[part]
-        q_true = truth.q_ig[there] if frame is None else multiply(truth.q_ig[there], frame)
-        turn = multiply(inverse(q_true), trajectory.q_ig[here])
+        q_true, rate = truth.q_ig[there], truth.rate_i[there]
+        if turn is not None:
+            q_true, rate = normalised(multiply(turn, q_true)), rotate(turn, rate)
+        if frame is not None:
+            q_true = multiply(q_true, frame)
+        away = multiply(inverse(q_true), trajectory.q_ig[here])
         turning = {
-            "attitude": rotation_vector_from_quaternion(turn),
-            "rate": trajectory.rate_i[here] - truth.rate_i[there],
+            "attitude": rotation_vector_from_quaternion(away),
+            "rate": trajectory.rate_i[here] - rate,
         }
         if not trajectory.sees_position:
             return turning
@@ -272,22 +293,39 @@ def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
     return bool(told and np.abs(truth.time - history.time[0]).min() <= TIME_TOLERANCE)
 
 
-def truth_in_estimate_frames(history: EstimateHistory, truth: Truth, alignment: Alignment) -> Truth:
+def truth_in_estimate_frames(
+    history: EstimateHistory,
+    truth: Truth,
+    alignment: Alignment,
+    rows: Int[np.ndarray, " k"] | None = None,
+) -> Truth:
     """The truth in the estimate's frames i and g; as it is where nothing or a fit of both frames g relates them.
+
+    Parameters
+    ----------
+    rows : (k,) int array or None
+        Stamps of the truth that are wanted, ascending, None for all; the frames are found from all.
 
     Raises
     ------
     InputError
-        As `truth_in_first_frame` and `truth_in_inertial_frame`.
+        As `truth_in_first_frame` and `inertial_turn`.
     """
     if alignment is Alignment.FIRST_FRAME:
-        return truth_in_first_frame(history, truth)
+        return truth_in_first_frame(history, truth, rows)
     if alignment is Alignment.INERTIAL_FRAME:
-        return truth_in_inertial_frame(history, truth)
-    return truth
+        return _turned(_chosen(truth, rows), inertial_turn(history, truth))
+    return _chosen(truth, rows)
 
 
-def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
+def _chosen(truth: Truth, rows: Int[np.ndarray, " k"] | None) -> Truth:
+    """Some stamps of a truth, itself where all are wanted."""
+    return truth if rows is None else truth.chosen(rows)
+
+
+def truth_in_first_frame(
+    history: EstimateHistory, truth: Truth, rows: Int[np.ndarray, " k"] | None = None
+) -> Truth:
     """The truth in the g that has the estimated pose at the history's first frame.
 
     With T = (R_ig, t) and t = r - R_ig c the transformation from the estimate's g to that of the truth is
@@ -307,13 +345,14 @@ def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
     q_true, q_first = truth.q_ig[row], first[layout.mean_slice("a")]
     turn = multiply(inverse(q_true), q_first)
     from_origin = truth.center_of_mass[row] - first[layout.mean_slice("t")]
-    return truth_in_moved_frame(truth, turn, truth.center_of_mass_g - rotate(inverse(q_true), from_origin))
+    shift = truth.center_of_mass_g - rotate(inverse(q_true), from_origin)
+    return truth_in_moved_frame(_chosen(truth, rows), turn, shift)
 
 
-def truth_in_inertial_frame(history: EstimateHistory, truth: Truth) -> Truth:
-    """The truth in the inertial frame of a rotation-only estimate, with R_i'i from both attitudes of one body.
+def inertial_turn(history: EstimateHistory, truth: Truth) -> Float[np.ndarray, "4"]:
+    """Rotation R_i'i of the truth's frame i into that of a rotation-only estimate, from both attitudes of one body.
 
-    R_i'i is that of the first common frame where the estimate defines its attitude there, else the one that fits best.
+    It is that of the first common frame where the estimate defines its attitude there, else the one that fits best.
 
     Raises
     ------
@@ -322,18 +361,19 @@ def truth_in_inertial_frame(history: EstimateHistory, truth: Truth) -> Truth:
     """
     rows, true_rows = common_stamps(history.time, truth.time)
     layout = history.layout
-    q = history.mean[rows, layout.mean_slice("a")]
-    finite = np.isfinite(q).all(axis=1)
+    attitude = history.mean[:, layout.mean_slice("a")]
+    finite = np.asarray(np.isfinite(attitude).all(axis=1))[rows]
     if not finite.any():
         raise InputError("the estimate is finite at no time stamp of the truth; it has no errors")
-    q, q_true = q[finite], truth.q_ig[true_rows[finite]]
-    doubt = np.linalg.norm(history.factor[rows[finite][0], layout.slice("a")], axis=1).max()
-    defined = doubt <= DEFINED_STD
-    turn = (
-        multiply(q[0], inverse(q_true[0]))
-        if defined
-        else inverse(attitude_alignment(inverse(q), inverse(q_true)))
-    )
+    rows, true_rows = rows[finite], true_rows[finite]
+    doubt = np.linalg.norm(history.factor[rows[0], layout.slice("a")], axis=1).max()
+    if doubt <= DEFINED_STD:
+        return multiply(attitude[rows[0]], inverse(truth.q_ig[true_rows[0]]))
+    return inverse(attitude_alignment(inverse(attitude[rows]), inverse(truth.q_ig[true_rows])))
+
+
+def _turned(truth: Truth, turn: Float[np.ndarray, "4"]) -> Truth:
+    """The truth in a frame i that is turned by R_i'i."""
     return replace(
         truth,
         center_of_mass=rotate(turn, truth.center_of_mass),

@@ -4,8 +4,8 @@ The formulas of predict and update, which the UKF shares, are in `spinfilters.fi
 linearises, and by which of four paths it updates:
 
 1. compiled code updates with all values in one pass, and the linear model holds over the step;
-2. without compiled code, with a robust loss, or where a sample of the values denies the large step of path 1, the values are
-   linearised here, and the linear model holds;
+2. without compiled code, with a robust loss, or where a sample of the values shows that the step is too large for path 1, the
+   values are linearised here, and the linear model holds;
 3. as 2, but the linear model does not hold: the update is iterated (`spinfilters.filters.iterated_update`);
 4. landmarks of an unknown map, which have an iteration of their own (`correct_by_landmarks`).
 
@@ -14,6 +14,7 @@ process and measurements in its own way, or derives from `FirstOrderFilter` and 
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -23,12 +24,14 @@ from spinfilters.filters.compiled_steps import Update, compiled_update
 from spinfilters.filters.epoch_run import (
     RunOptions,
     compiled_loops,
+    rows_of_runs,
     run_options,
     take_in,
     take_in_runs,
 )
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel, RunsTaken
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
+from spinfilters.filters.flow_curvature import FlowCurvature
 from spinfilters.filters.iterated_update import (
     IteratedObservations,
     IteratedUpdate,
@@ -80,6 +83,8 @@ class MultiplicativeEkf(FirstOrderFilter):
         Options of the iterated update, for measurements far from linear.
     landmarks : LandmarkOptions or None
         How landmarks of an unknown map are represented.
+    curvature : FlowCurvature or None
+        When second-order terms of the motion widen the covariance; None: never.
     """
 
     name = "mekf"
@@ -87,7 +92,7 @@ class MultiplicativeEkf(FirstOrderFilter):
     """Whether compiled code corrects: not in a filter with a correction of its own."""
 
     def __init_subclass__(cls) -> None:
-        """Let a filter that changes a step take every epoch by itself, unless it says how it takes several."""
+        """Make a subclass without its own `take_in` take each epoch by itself, outside compiled loops."""
         if "take_in" not in vars(cls):
             cls.take_in, cls.take_in_runs = Estimator.take_in, Estimator.take_in_runs
         if not {"correct_linearly", "predict_measurement"}.isdisjoint(vars(cls)):
@@ -100,8 +105,9 @@ class MultiplicativeEkf(FirstOrderFilter):
         adaptation: AdaptationOptions | None = None,
         iteration: IterationOptions | None = None,
         landmarks: LandmarkOptions | None = None,
+        curvature: FlowCurvature | None = None,
     ) -> None:
-        super().__init__(process, robust, adaptation, landmarks)
+        super().__init__(process, robust, adaptation, landmarks, curvature)
         self._iteration = iteration or IterationOptions()
 
     def correct(
@@ -188,7 +194,36 @@ class MultiplicativeEkf(FirstOrderFilter):
         constant = self._adaptation.constant_predictions([model.name for model in models])
         if self._held is not None or constant < len(epochs.dt) or not models:
             return None
-        return take_in_runs(self.process, mean, factor, epochs, self._run_options(models))
+        options = self._run_options(models)
+        if any(self._curvature.widens(self.layout, each) for each in factor):
+            return self._take_in_widened(epochs, mean, factor, options)
+        return take_in_runs(self.process, mean, factor, epochs, options)
+
+    def _take_in_widened(
+        self,
+        epochs: EpochRun,
+        mean: Float[np.ndarray, "r m"],
+        factor: Float[np.ndarray, "r n n"],
+        options: RunOptions,
+    ) -> RunsTaken | None:
+        """Runs whose covariances second-order terms of the motion widen, stretch by stretch, each run by itself."""
+        count, done = len(epochs.dt), np.zeros(len(mean), dtype=np.int64)
+        rows = rows_of_runs(count, mean, factor)
+        for number, (x, S) in enumerate(zip(mean, factor, strict=True)):
+            curvature, k = self._curvature.begun(), 0
+            while k < count:
+                S = curvature.widened(self.process, x, S, float(epochs.dt[k]))
+                stretch = slice(k, k + curvature.steps_in_stretch(epochs.dt[k:]))
+                own = {name: array[number, stretch] for name, array in rows.items()}
+                part = _part_of_run(epochs, number, len(mean), stretch)
+                taken = take_in(self.process, x, S, part, options, own)
+                if taken < len(part.dt):
+                    k += taken
+                    break
+                curvature.pass_steps(part.dt)
+                x, S, k = own["mean"][-1], own["factor"][-1], stretch.stop
+            done[number] = k
+        return RunsTaken(rows, done) if done.any() else None
 
     def _run_options(self, models: Sequence[MeasurementModel]) -> RunOptions:
         """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""
@@ -231,3 +266,14 @@ class MultiplicativeEkf(FirstOrderFilter):
                 return None
         outliers.count(count, count - update.correction.dof // model.dim)
         return update
+
+
+def _part_of_run(epochs: EpochRun, number: int, runs: int, chosen: slice) -> EpochRun:
+    """Some epochs of one of many runs, whose values stand one run behind the other."""
+    sensors = []
+    for part in epochs.sensors:
+        every, per_run = part.every, len(part.every.values) // runs
+        own = slice(number * per_run, (number + 1) * per_run)
+        values = replace(every, values=every.values[own], parameters=every.parameters[own])
+        sensors.append(replace(part, every=values, first=part.first[chosen], end=part.end[chosen]))
+    return EpochRun(epochs.dt[chosen], tuple(sensors))

@@ -211,8 +211,7 @@ def take_in_runs(
         return None
     runs, count = len(mean), len(epochs.dt)
     dt, x, S = (np.ascontiguousarray(array, dtype=float) for array in (epochs.dt, mean, factor))
-    room = {name: np.empty((runs, count), dtype=int if name in COUNTS else float) for name in _ROWS[2:]}
-    room |= {"mean": np.empty((runs, count, *x.shape[1:])), "factor": np.empty((runs, count, *S.shape[1:]))}
+    room = rows_of_runs(count, x, S)
     done = np.zeros(runs, dtype=np.int64)
     per_run = np.array([len(part.every.values) // runs for part in epochs.sensors], dtype=np.int64)
     places = (ctypes.c_void_p * len(_ROWS))(*(address(room[name]) for name in _ROWS))
@@ -222,6 +221,18 @@ def take_in_runs(
         *(call.most, call.width, ctypes.addressof(places), address(done)),
     )
     return RunsTaken(room, done)
+
+
+def rows_of_runs(
+    count: int, mean: Float[np.ndarray, "r m"], factor: Float[np.ndarray, "r n n"]
+) -> dict[str, np.ndarray]:
+    """Room for what so many epochs of each run leave, by name."""
+    runs = len(mean)
+    room = {name: np.empty((runs, count), dtype=int if name in COUNTS else float) for name in _ROWS[2:]}
+    room |= {
+        name: np.empty((runs, count, *of.shape[1:])) for name, of in (("mean", mean), ("factor", factor))
+    }
+    return room
 
 
 class _Call(NamedTuple):

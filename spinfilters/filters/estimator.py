@@ -91,7 +91,7 @@ class RunsTaken:
         mean (r, k, m), factor (r, k, n, n), and nis, log_likelihood, dof, accepted and rejected (r, k), as of
         `Estimator.take_in`.
     done : ndarray of int, shape (r,)
-        How many epochs of each run were taken in; rows behind them hold nothing.
+        How many epochs of each run were taken in; rows after them hold nothing.
     """
 
     rows: dict[str, np.ndarray]

@@ -27,6 +27,7 @@ from spinfilters.filters.estimator import (
     Snapshot,
     UpdateReport,
 )
+from spinfilters.filters.flow_curvature import FlowCurvature
 from spinfilters.filters.landmark_map import HeldMap
 from spinfilters.filters.landmark_observations import SolvedObservations, solve_at
 from spinfilters.filters.landmark_steps import MapObservations
@@ -68,7 +69,7 @@ class PredictedMeasurement(Protocol):
 
     @property
     def innovation(self) -> Float[np.ndarray, "k d"]:
-        """Whitened innovations, measured less predicted."""
+        """Innovations, measured less predicted, whitened by the measurement noise: of covariance 1 + Y Y', not 1."""
         ...
 
     @property
@@ -102,7 +103,7 @@ class MultiplicativeFilter(Estimator):
     After an update the error is folded into the mean (4 x MRP on the body side) and the covariance moves with the derivative of
     that reset, so that it always refers to the present mean.
 
-    Where landmarks are not known, the factor has more than the state's n rows. Rows behind them are errors that all landmarks
+    Where landmarks are not known, the factor has more than the state's n rows. Rows after them are errors that all landmarks
     share, such as a turn of the whole map (`spinfilters.filters.shared_modes`), and the pose of the map's frame in frame g
     (`spinfilters.filters.landmark_map`). These errors do not change with time, and no sensor without landmarks sees them; what
     the state learns, they learn by correlation.
@@ -117,6 +118,8 @@ class MultiplicativeFilter(Estimator):
         Adaptation of the stated noise to the innovations.
     landmarks : LandmarkOptions or None
         How landmarks of an unknown map are represented.
+    curvature : FlowCurvature or None
+        When second-order terms of the motion widen the covariance; None: never.
     """
 
     def __init__(
@@ -125,6 +128,7 @@ class MultiplicativeFilter(Estimator):
         robust: RobustOptions | None = None,
         adaptation: AdaptationOptions | None = None,
         landmarks: LandmarkOptions | None = None,
+        curvature: FlowCurvature | None = None,
     ) -> None:
         super().__init__(process)
         self.mean = np.zeros(0)
@@ -132,6 +136,7 @@ class MultiplicativeFilter(Estimator):
         self._outliers = OutlierRejection(robust or RobustOptions())
         self._adaptation = NoiseAdaptation(adaptation or AdaptationOptions())
         self._options = landmarks or LandmarkOptions()
+        self._curvature = curvature or FlowCurvature()
         self._held: HeldMap | None = None
 
     def start(self, belief: Belief) -> None:
@@ -190,6 +195,7 @@ class MultiplicativeFilter(Estimator):
     def _take(self, belief: Belief) -> None:
         self.mean, self.factor = belief.mean.copy(), belief.factor.copy()
         self._held = None if belief.joint is None else HeldMap.of(belief.joint, self._options)
+        self._curvature.begin()
 
     @property
     def belief(self) -> Gaussian:
@@ -221,6 +227,8 @@ class MultiplicativeFilter(Estimator):
 
         x <- f(x, dt),  S <- qr([F S, G])  with  P = S S',  Q = G G'  (Maybeck 1979, sec. 7.4)
 
+        At the begin of a stretch S S' has the terms of `spinfilters.filters.flow_curvature` beside, where the filter counts them.
+
         Parameters
         ----------
         dt : float
@@ -228,14 +236,16 @@ class MultiplicativeFilter(Estimator):
         """
         self._outliers.pass_time()
         self._adaptation.observe_motion(self.layout, self.mean, self.factor[: self._n])
+        self.factor = self._curvature.widened(self.process, self.mean, self.factor, dt)
         step = self.linearise_process(dt)  # EKF: derivatives at the mean; UKF: regression over sigma points
         noise = self._adaptation.scaled(self.layout, step.noise)
         self.mean, self.factor = step.mean, propagate_factor(self.factor, step, noise)
         predicted = PredictedMotion(self.mean, self.factor, step.transition, noise)
         self._adaptation.expect_motion(self.layout, predicted)
+        self._curvature.pass_steps(np.array([dt]))
 
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Correct mean and covariance by one sensor's values; mere repetitions count as rejected.
+        """Correct mean and covariance by one sensor's values; values that only repeat those of the last epoch count as rejected.
 
         Parameters
         ----------
@@ -407,6 +417,8 @@ class MultiplicativeFilter(Estimator):
         count = min(len(epochs.dt), self._adaptation.constant_predictions(names))
         if self._held is not None or not count:
             return 0
+        self.factor = self._curvature.widened(self.process, self.mean, self.factor, float(epochs.dt[0]))
+        count = min(count, self._curvature.steps_in_stretch(epochs.dt))
         parts = tuple(
             replace(part, first=part.first[:count], end=part.end[:count]) for part in epochs.sensors
         )
@@ -414,6 +426,7 @@ class MultiplicativeFilter(Estimator):
         if done:
             self.mean, self.factor = rows["mean"][done - 1].copy(), rows["factor"][done - 1].copy()
             self._adaptation.count_predictions(done)
+            self._curvature.pass_steps(epochs.dt[:done])
             for part, guard in zip(parts, map(self._outliers.of, names), strict=True):
                 measured = np.flatnonzero(part.end[:done] > part.first[:done])
                 if not measured.size:
@@ -435,7 +448,12 @@ class MultiplicativeFilter(Estimator):
         """
         beliefs = {"mean": self.mean.copy(), "factor": self.factor.copy()}
         landmarks = {} if self._held is None else self._held.snapshot()
-        return {**beliefs, **landmarks, **self._outliers.snapshot(), **self._adaptation.snapshot()}
+        others = (self._outliers, self._adaptation, self._curvature)
+        return {
+            **beliefs,
+            **landmarks,
+            **{key: value for each in others for key, value in each.snapshot().items()},
+        }
 
     def restore(self, snapshot: Snapshot) -> None:
         """Take belief, landmarks, gates and noise adaptation from a `snapshot`.
@@ -449,6 +467,7 @@ class MultiplicativeFilter(Estimator):
         self._held = HeldMap.restored(snapshot, self._options)
         self._outliers.restore(snapshot)
         self._adaptation.restore(snapshot)
+        self._curvature.restore(snapshot)
 
     @property
     def _n(self) -> int:
@@ -500,7 +519,7 @@ class MultiplicativeFilter(Estimator):
 def propagate_factor(
     factor: Float[np.ndarray, "N N"], step: LinearisedProcess, noise: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "N N"]:
-    """Lower triangular covariance factor after a step; rows behind the state's n (modes, move) do not change with time.
+    """Lower triangular covariance factor after a step; rows after the state's n (modes, move) do not change with time.
 
     Parameters
     ----------

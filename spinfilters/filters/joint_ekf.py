@@ -179,7 +179,7 @@ class JointEkf(Estimator):
         found = sensor.linearise_landmarks(self.mean, parameters, m.values[known])
         H = np.zeros((*found.innovation.shape, len(self.covariance)))
         H[..., sensor.columns] = found.jacobian
-        # Block row i of H: the state's columns are filled above, the three of landmark `place` follow behind the state.
+        # Block row i of H: the state's columns are filled above, the three of landmark `place` follow after the state.
         for i, place in enumerate(at):  # by the landmark's own three columns
             H[i, :, n + 3 * place : n + 3 * place + 3] = found.by_landmark[i]
         rows = _JointRows(found.innovation, H, found.log_noise)

@@ -259,7 +259,7 @@ class SensorOutlierRejection:
     def remember(
         self, keys: Num[np.ndarray, "k ..."], values: Float[np.ndarray, "k v"], time_passed: bool
     ) -> None:
-        """Go on behind epochs none of which was refused; parameters as of `DuplicateImages.remember`."""
+        """Go on after epochs none of which was refused; parameters as of `DuplicateImages.remember`."""
         self._refusals = 0
         self.epochs.remember(keys, values, time_passed)
 

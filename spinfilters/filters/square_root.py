@@ -113,7 +113,7 @@ def square_root_update(prediction: MeasurementPrediction) -> Correction:
     array[:k, r] = prediction.innovation
     array[k:, :r].flat[:: r + 1] = 1.0
     R = covariance_factor(array).T
-    # X U^-1 by substitution from the left, (X U^-1)' = U'^-1 X'; rows behind r stay, as U is the identity there.
+    # X U^-1 by substitution from the left, (X U^-1)' = U'^-1 X'; rows after r stay, as U is the identity there.
     root = X.T.copy()
     root[:r] = dtrtrs(R[:r, :r], root[:r], trans=1)[0]
     error = R[:r, r] @ root[:r]

@@ -115,7 +115,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
         deviations = self._root_weights[:, None] * self.layout.local_each(mean, moved)
         if self._held is None:
             return LinearisedProcess(mean, transition, noise, deviations.T)
-        # Modes and move behind the state depend on the factor's coordinates: regress on these, [A | D - A E'].
+        # Modes and move after the state depend on the factor's coordinates: regress on these, [A | D - A E'].
         scaled = self._root_weights[:, None] * self._offsets
         rows = np.zeros((self._n, len(self.factor)))
         rows[:, : self._n] = deviations.T @ scaled
@@ -221,7 +221,7 @@ class RegressedRows:
         size, n = len(factor), self.mixing.shape[1] - (self.mixing.shape[0] + 1) // 2
         X = np.concatenate([np.zeros((size, self.mixing.shape[1] - n)), factor], axis=1)
         Y = H @ self.mixing
-        if size > n:  # what stands behind the state is not seen
+        if size > n:  # what stands after the state is not seen
             Y = np.concatenate([Y, np.zeros((len(Y), size - n))], axis=1)
         return MeasurementPrediction(rho, Y, X, residual, self.dof, float(self.log_noise.sum()))
 

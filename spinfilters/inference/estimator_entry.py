@@ -124,7 +124,7 @@ class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
         estimator : Estimator
             After its last epoch.
         passed : EstimateHistory
-            Its estimates of the epochs behind the initialisation, as they came.
+            Its estimates of the epochs after the initialisation, as they came.
         setup : Setup
             Of the data set.
 

@@ -149,7 +149,7 @@ def begin_after_initialisation(smoother: RecursiveSmoother, setup: Setup) -> lis
 
 
 def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
-    """Every epoch given all measurements; ``passed`` are those behind the initialisation, as they came."""
+    """Every epoch given all measurements; ``passed`` are those after the initialisation, as they came."""
     first, status = len(setup.initial.mean), passed.status
     rows, found = settled_at_levels(smoother, setup)
     rows = rows[: first + len(passed.time)]
@@ -306,6 +306,12 @@ def _smoothed_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> _S
             annealed, status = ANNEALED_ITERATIONS, EstimatorStatus().degraded(NO_FILTER, "filter-failed")
     epochs = timeline[: len(trajectory)]
     whole, found, levels = _smooth_epochs(epochs, trajectory, annealed, setup, settings)
+    if not found.solved.converged and not annealed:
+        # the filter may have lost the motion without a sign, as from a first belief far from the truth
+        with suppress(InputError, *NUMERICAL_ERRORS):
+            measured = _measured_trajectory(setup)[: len(epochs)]
+            again = _smooth_epochs(epochs, measured, ANNEALED_ITERATIONS, setup, settings)
+            whole, found, levels = again if again[1].solved.converged else (whole, found, levels)
     if not found.solved.converged:
         status = status.degraded(
             f"the smoother did not converge in {found.solved.iterations} iterations", "smoother-unsettled"

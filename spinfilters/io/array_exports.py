@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import struct
 import zipfile
 import zlib
@@ -29,7 +30,7 @@ from spinfilters.io.memory_tables import array_columns
 from spinfilters.io.motion_file import bare_quantity, motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
-from spinfilters.io.stated_values import to_state
+from spinfilters.io.stated_values import CLOCK_UNITS, LENGTH_UNITS, RATE_UNITS, to_state
 
 LARGEST: Final = 2 * 1024**3
 """Bytes of a file, and of the numbers in it."""
@@ -108,7 +109,11 @@ def _mat(path: Path, stated: Sequence[str]) -> ArrayColumns:
     if content.startswith(MATLAB_HDF5):
         return _hdf5(path, stated)
     with _refused_if_damaged(path, "is no whole .mat", "save it in MATLAB with save(..., '-v7')"):
-        _require_sound_mat(content)
+        if _holds_objects_alone(_classes_of_mat(content)):
+            raise InputError(
+                f"{path_text(path)}: holds objects, such as timetables, which MATLAB alone reads; save a table there with "
+                "writetimetable(tt, 'run.csv'), or the numbers as arrays"
+            )
         with ignored_warnings(UserWarning):
             variables = whosmat(path)
             if any(min(shape, default=0) < 0 for _, shape, _ in variables):
@@ -142,10 +147,30 @@ def _hdf5(path: Path, stated: Sequence[str]) -> ArrayColumns:
     with _refused_if_damaged(path, "is no whole HDF5 file", "save it again"), h5py.File(path, "r") as file:
         sets = _number_sets(file)
         _require_size(path, sum(8 * each.size for each in sets.values()))
-        arrays = {name: np.asarray(each[()]) for name, each in sets.items()}
+        arrays = {f"{name}{_stated_unit(each)}": np.asarray(each[()]) for name, each in sets.items()}
     if is_matlab:
         arrays = {name: array.T for name, array in arrays.items()}
     return _columns_of(path, _by_last_name(arrays), stated)
+
+
+_UNITS: Final = frozenset({*CLOCK_UNITS, *LENGTH_UNITS, *RATE_UNITS, "m/s^2", "g"})
+_UNIT: Final = re.compile(r" \([^()]*\)$")
+
+
+def _stated_unit(dataset: Any) -> str:
+    """Unit of a data set in brackets, as its attribute says; empty without one, or of one that is not known here."""
+    for name in ("Units", "units", "Unit", "unit"):
+        unit = dataset.attrs.get(name)
+        unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
+        if isinstance(unit, str) and unit in _UNITS:
+            return f" ({unit})"
+    return ""
+
+
+def _component(name: str, axis: str) -> str:
+    """Name of a component, in front of the unit of the vector."""
+    unit = _UNIT.search(name)
+    return f"{name}{axis}" if unit is None else f"{name[: unit.start()]}{axis}{unit[0]}"
 
 
 def _number_sets(group: Any, before: str = "") -> dict[str, Any]:
@@ -172,21 +197,32 @@ _MATRIX, _COMPRESSED = 14, 15
 _DATA_TYPES: Final = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _MATRIX, 16, 17, 18})
 
 
-def _require_sound_mat(data: bytes) -> None:
-    """Raise ValueError for a .mat whose elements are cut off, unknown or nested too deep, at which SciPy's reader crashes."""
+_OPAQUE, _BYTES = 17, 9
+"""Classes of an object, and of the array without a name in which MATLAB keeps what objects hold."""
+
+
+def _holds_objects_alone(classes: Sequence[int]) -> bool:
+    return _OPAQUE in classes and set(classes) <= {_OPAQUE, _BYTES}
+
+
+def _classes_of_mat(data: bytes) -> list[int]:
+    """Classes of the variables of a .mat.
+
+    ValueError: elements that are cut off, unknown or nested too deep, at which SciPy's reader crashes.
+    """
     if 0 in data[:4]:  # version 4 has no elements
-        return
+        return []
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("it begins otherwise")
-    _require_sound_elements(memoryview(data)[128:], order, 0)
+    return _sound_elements(memoryview(data)[128:], order, 0)
 
 
-def _require_sound_elements(data: memoryview, order: str, depth: int) -> None:
-    """Elements one after another, each a type, a size and a body; small ones keep both in four bytes, the size first."""
+def _sound_elements(data: memoryview, order: str, depth: int) -> list[int]:
+    """Classes of the arrays among elements, each a type, a size and a body; small ones keep both in four bytes, the size first."""
     if depth > _DEEPEST:
         raise ValueError(f"more than {_DEEPEST} cells or structures lie within one another")
-    place = 0
+    place, classes = 0, []
     while place + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}2I", data, place)
         place += 8
@@ -200,12 +236,15 @@ def _require_sound_elements(data: memoryview, order: str, depth: int) -> None:
                 raise ValueError("it is cut off")
         body = data[place:end]
         if kind == _COMPRESSED and depth == 0:
-            _require_sound_elements(_unpacked(body, order), order, depth)
+            classes += _sound_elements(_unpacked(body, order), order, depth)
         elif kind not in _DATA_TYPES:
             raise ValueError(f"an element has the unknown type {kind}")
         elif kind == _MATRIX:
-            _require_sound_elements(body, order, depth + 1)
+            _sound_elements(body, order, depth + 1)
+            if len(body) >= 12:  # behind the tag of its flags, whose lowest byte is the class
+                classes.append(struct.unpack_from(f"{order}I", body, 8)[0] & 0xFF)
         place = end if kind == _COMPRESSED else end + (place - end) % 8
+    return classes
 
 
 def _unpacked(packed: memoryview, order: str) -> memoryview:
@@ -247,7 +286,9 @@ def _flat(held: Mapping[str, Any], before: str = "") -> dict[str, np.ndarray]:
         if isinstance(value, dict) and before.count(".") < _DEEPEST_GROUP:
             found |= _flat(value, f"{before}{name}.")
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-            found[f"{before}{name}"] = value
+            found[f"{before}{name}".removesuffix(".signals.values")] = (
+                value  # a structure with time of Simulink
+            )
     return found
 
 
@@ -360,9 +401,14 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
         if array.ndim == 1 and array.dtype.kind in "iufmM":
             columns[name] = array
         elif array.dtype.kind in "iuf" and array.shape[1:] == (3,):
-            columns |= {f"{name}_{axis}": column for axis, column in zip("xyz", array.T, strict=True)}
+            columns |= {
+                _component(name, f"_{axis}"): column for axis, column in zip("xyz", array.T, strict=True)
+            }
         elif array.dtype.kind in "iuf" and array.shape[1:] == (4,):
-            columns |= {f"{name}[{k}]": column for k, column in enumerate(array.T)}
+            columns |= {_component(name, f"[{k}]"): column for k, column in enumerate(array.T)}
+        elif name == "qpos" and array.shape[1:] == (7,) and np.shape(arrays.get("qvel", ()))[1:] == (6,):
+            # MuJoCo's state of one free body; the rate in qvel is left out beside the pose
+            columns |= dict(zip(("px", "py", "pz", "qw", "qx", "qy", "qz"), array.T, strict=True))
     lengths = [len(column) for column in columns.values()]
     if not lengths:
         raise InputError(

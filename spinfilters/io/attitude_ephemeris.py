@@ -1,4 +1,4 @@
-"""Attitude ephemerides of spacecraft: STK's .a, and the AEM of CCSDS as text (KVN)."""
+"""Attitude ephemerides of spacecraft: STK's .a, and the AEM of CCSDS as text (KVN) and as XML."""
 
 import re
 from collections.abc import Sequence
@@ -24,8 +24,9 @@ from spinfilters.io.motion_table import MotionTable
 from spinfilters.io.sensor_tables import require_clock
 from spinfilters.io.table_layout import TableLayout
 from spinfilters.io.text_table import Table
+from spinfilters.io.xml_file import read_xml
 
-_SUFFIXES: Final = (".a", ".aem")
+_SUFFIXES: Final = (".a", ".aem", ".xml")
 _POSITIONS: Final = (".e", ".oem")
 """Ephemerides of positions, which hold no attitude."""
 _STK_FORMATS: Final = {
@@ -33,7 +34,7 @@ _STK_FORMATS: Final = {
     "attitudetimequatscalarfirst": (2, 3, 4, 1),
     "attitudetimequatangvels": (1, 2, 3, 4),
 }
-"""Places of x, y, z and w behind the time, by the keyword above the rows."""
+"""Places of x, y, z and w after the time, by the keyword above the rows."""
 _BODY = re.compile(r"SC_BODY|SPACECRAFT|BODY|INSTRUMENT|SENSOR|BUS", re.IGNORECASE)
 """Frames of CCSDS that are fixed in the spacecraft."""
 _KEY = re.compile(r"\s*([A-Za-z_]+)\s*=\s*(.*?)\s*(?:\[.*\]\s*)?")
@@ -60,9 +61,7 @@ class AttitudeEphemerisReader(StatedReader):
             raise InputError(
                 f"{path_text(path)}: an ephemeris of positions holds no attitude; give that of attitudes (.a, .aem)"
             )
-        lines = read_bytes(path, MAX_TABLE_BYTES).decode("utf-8", "replace").splitlines()
-        is_ccsds = any(line.lstrip().startswith("CCSDS_AEM_VERS") for line in lines[:20])
-        rows = _ccsds_rows(path, lines) if is_ccsds else _stk_rows(path, lines)
+        rows = _rows(path)
         names = ("time_s", "qx", "qy", "qz", "qw")
         numbers = np.array([row.numbers for row in rows], dtype=np.float64).reshape(-1, 5)
         table = Table(path, TableLayout(names), names, numbers, [row.line for row in rows])
@@ -74,8 +73,18 @@ class AttitudeEphemerisReader(StatedReader):
         return motion_dataset(path, path.name, MotionTable(stream, None, ()))
 
 
+def _rows(path: Path) -> list["_Attitude"]:
+    """Attitudes of a file of any of the formats."""
+    data = read_bytes(path, MAX_TABLE_BYTES)
+    if data.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"<"):
+        return _xml_rows(path)
+    lines = data.decode("utf-8", "replace").splitlines()
+    is_ccsds = any(line.lstrip().startswith("CCSDS_AEM_VERS") for line in lines[:20])
+    return _ccsds_rows(path, lines) if is_ccsds else _stk_rows(path, lines)
+
+
 class _Attitude(NamedTuple):
-    """Line of a row, from 1; its time, s, and q_ib."""
+    """Line of a row, from 1, of XML its number; its time, s, and q_ib."""
 
     line: int
     numbers: tuple[float, ...]
@@ -131,6 +140,24 @@ def _ccsds_rows(path: Path, lines: Sequence[str]) -> list[_Attitude]:
             is_data = False
         elif is_data and words and words[0] != "COMMENT":
             rows.append(_Attitude(number, _ccsds_row(path, number, words, stated)))
+    return rows
+
+
+def _xml_rows(path: Path) -> list[_Attitude]:
+    """Attitudes of CCSDS in XML, the scalar last in each. InputError: no AEM, or another kind of attitude."""
+    root = read_xml(path)
+    if root.tag not in ("aem", "ndm"):
+        raise InputError(f"{path_text(path)}: its XML is of {value_text(root.tag)}; give that of an AEM")
+    rows: list[_Attitude] = []
+    for segment in root.iter("segment"):
+        stated = {
+            each.tag: (each.text or "").strip().upper() for each in segment.iter() if each.tag.isupper()
+        }
+        stated["QUATERNION_TYPE"] = "LAST"
+        states = [each for state in segment.iter("attitudeState") for each in state]
+        for number, state in enumerate(states, start=len(rows) + 1):
+            words = [state.findtext(f".//{name}") or "" for name in ("EPOCH", "Q1", "Q2", "Q3", "QC")]
+            rows.append(_Attitude(number, _ccsds_row(path, number, list(map(str.strip, words)), stated)))
     return rows
 
 

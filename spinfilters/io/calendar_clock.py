@@ -21,6 +21,8 @@ _CLOCK: Final = re.compile(
     re.IGNORECASE,
 )
 """A date or a number of days, each with a time of the day; or the latter alone."""
+_DURATION: Final = re.compile(r"([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?) sec")
+"""A duration as MATLAB writes it."""
 
 
 def seconds_of_clock(cell: str) -> float | None:
@@ -28,8 +30,10 @@ def seconds_of_clock(cell: str) -> float | None:
 
     A date counts from 1970, UTC unless it states its zone, as in 2026-11-26T12:00:00.25+01:00; a time of the day from midnight.
     Dates may be written as 2026-330, 26 Nov 2026, 26.11.2026 and 11/26/2026, too; 06/01/2026 is none, because either number may be
-    its month.
+    its month. A duration may also be written as 0.25 sec.
     """
+    if duration := _DURATION.fullmatch(cell.strip()):
+        return float(duration[1])
     found = _CLOCK.fullmatch(cell.strip())
     if found is None:
         return None

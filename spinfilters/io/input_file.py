@@ -4,7 +4,7 @@ Every error of the readers is one line that names the file, the line or value, a
 `value_text` keep it one printable line whatever a file name or a cell contains.
 
 Python's list of filters belongs to the whole process. Two threads that exchange it and put it back in turn would leave the wrong
-one behind, so only one of them does so at a time.
+one after, so only one of them does so at a time.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Logs of a serial port: lines of labels with numbers, as microcontrollers print them, perhaps behind the time of each line.
+"""Logs of a serial port: lines of labels with numbers, as microcontrollers print them, perhaps after the time of each line.
 
 Examples: ``12:34:05.020 -> gx:0.31 gy:1.49 gz:0.06``, and ``Rotation X: 0.31, Y: 1.49, Z: 0.06 rad/s``.
 """
@@ -30,6 +30,10 @@ _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _UNIT = r"((?:m?rad|m?deg|°)/s(?:ec)?|m?dps|m/s\^?2|m/s/s|[mun]?s|m?g)"
 _PAIR = re.compile(rf"{_LABEL}\s*[:=]\s*{_NUMBER}(?![\d:])(?:\s*{_UNIT}(?![A-Za-z:=]))?")
 """Label, number and perhaps unit."""
+_GROUP = re.compile(
+    rf"([A-Za-z]\w{{0,20}}) \(([^()]{{1,6}})\) \[\s*{_NUMBER}\s*,\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\]"
+)
+"""Label, unit and three numbers, as examples of SparkFun print them: Gyr (DPS) [ 00000.85, -00013.67, 00001.09 ]."""
 
 
 class _Line(NamedTuple):
@@ -51,7 +55,7 @@ class LabelledLinesReader(StatedReader):
         if path.suffix.lower() not in _SUFFIXES or os.path.isdir(path):
             return False
         held = [line for line in first_text(path, _HEAD).splitlines() if line.strip()][:40]
-        return 2 * sum(len(_PAIR.findall(line)) >= _FEWEST for line in held) >= max(len(held), 1)
+        return 2 * sum(len(_PAIR.findall(_in_pairs(line))) >= _FEWEST for line in held) >= max(len(held), 1)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates of the lines that have some."""
@@ -88,8 +92,20 @@ def _lines(path: Path) -> list[_Line]:
         raise InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text") from None
 
 
+def _in_pairs(text: str) -> str:
+    """A line whose groups of three numbers are three labels with a number and a unit each."""
+    return _GROUP.sub(
+        lambda group: ", ".join(
+            f"{group[1]} {axis}: {number} {group[2].lower()}"
+            for axis, number in zip("xyz", group.groups()[2:], strict=True)
+        ),
+        text,
+    )
+
+
 def _line(text: str) -> _Line:
     """A line's time, labels and numbers: an axis alone belongs to the label before, and a unit to all of its label."""
+    text = _in_pairs(text)
     pairs = list(_PAIR.finditer(text))
     names, group = [], ""
     for pair in pairs:

@@ -4,8 +4,10 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-_FRAMES = re.compile(r"^([wapq]|omega)_[A-Z]{1,3}(?:_[A-Z])?_([xyzw])\b(.*)$")
+_FRAMES = re.compile(r"^([wapq]|omega)_[A-Z]{1,3}(?:_([A-Z]))?_([xyzw])\b(.*)$")
 """Quantities with their frames, as EuRoC and Basilisk write them: w_RS_S_x, p_RS_R_x, q_RS_w, omega_BN_B_x."""
+_INERTIAL: Final = "NRWI"
+"""Frames of reference of both, in whose axes a rate is no body rate."""
 _SPELLED: Final = (
     (re.compile(r"^Shimmer_[0-9A-Fa-f]{4}_(.+)_CAL\b(.*)$"), r"\1\2"),
     (re.compile(r"^(\w+)\.ElapsedSecs$"), "time (s)"),  # GMAT
@@ -20,11 +22,14 @@ _SPELLED: Final = (
     (re.compile(r"^(?:Uncal)?Gyro([XYZ])RadPerSec$"), r"gyro_\1 (rad/s)"),  # GnssLogger
     (re.compile(r"^(?:Uncal)?Accel([XYZ])Mps2$"), r"acc_\1 (m/s^2)"),
     (re.compile(r"^SampleTimeFine$"), "time (xsensticks)"),
+    (re.compile(r"^sys\.exec\.out\.time\b(.*)$"), r"time\1"),  # Trick
+    (re.compile(r"^[\w.\[\]]+\.(\w+\[[012]\] \{[^{}]*\})$"), r"\1"),
+    (re.compile(r"^(?:.*:)?([XYZ])-axis (gyro|acceleration)(?: \d+)?\b(.*)$"), r"\2_\1\3"),  # Vernier
     (re.compile(r"^_*real,_*time$"), "time (s)"),  # X-Plane
     (
         re.compile(r"^_*(.*\w),_*((?:m?rad|m?deg)/s|m?dps|[mun]?s|[mc]?m|g|m/s\^?2)$"),
         r"\1 (\2)",
-    ),  # a unit behind a comma
+    ),  # a unit after a comma
 )
 """Names of single columns, and what they say here."""
 _BIAS = re.compile(r"^b_[wa]_[A-Z]{1,3}")
@@ -40,6 +45,7 @@ _AXES: Final[tuple[tuple[tuple[str, str, str], str], ...]] = (
     (("ang_vel_x", "ang_vel_y", "ang_vel_z"), "omega"),
     (("vel_ang_x", "vel_ang_y", "vel_ang_z"), "omega"),
     (("xyz[0]", "xyz[1]", "xyz[2]"), ""),
+    (("position[0]", "position[1]", "position[2]"), "position"),
 )
 _VICON: Final = {**{f"r{axis}": f"q{axis}" for axis in "xyzw"}, **{f"t{axis}": f"p{axis}" for axis in "xyz"}}
 """Quaternion and position of an object, as Vicon calls them."""
@@ -52,6 +58,11 @@ _TOPIC: Final = re.compile(
 """Path of a topic in front of the fields of its messages."""
 _OTHER: Final = re.compile(r"bias|cov|std|setpoint|desired|cmd|command|goal|target_|ref")
 """Within the path of a topic of what is not measured."""
+_FROM_ONE: Final = re.compile(r"(.*?)(?::\d+)?\(([1-4])\)(.*)")
+"""A component counted from 1, as MATLAB does: omega(1), and omega:1(1) of the Simulation Data Inspector."""
+_CRAZYFLIE: Final = ("stabilizer.", "stateEstimate.", "kalman.", "pm.vbat", "baro.asl")
+"""Groups of the log of a Crazyflie, whose gyro is in deg/s."""
+_MAVLINK: Final = ("xgyro", "ygyro", "zgyro")
 _GMAT_CLOCK: Final = re.compile(r"\w+\.(?:ElapsedSecs|\w+Gregorian|\w+ModJulian)$")
 _MATRIX: Final = re.compile(r"(?:r|rot|rotation|rotmat|mat|matrix)_?\[?([0-3])\]?[\[_,]*([0-3])\]?")
 """An element of a rotation matrix, with its row and column counted from 0 or 1; of body to inertial, as an R and not a DCM is."""
@@ -94,8 +105,9 @@ def understood_names(names: Sequence[str]) -> list[str]:
             found[list(names).index(name)] = f"q{axis}"
     if "timestamp_sample" in names:  # of the sensor; the other is that of publication
         found = ["" if name == "timestamp" else name for name in found]
-        found = [f"omega_{name}" if name in ("x", "y", "z") else name for name in found]
-    found = _with_matrix(_of_devices(names, found))
+        if "q[0]" not in names:
+            found = [f"omega_{name}" if name in ("x", "y", "z") else name for name in found]
+    found = _with_matrix(_counted_from_one(_of_devices(names, found)))
     if "field.header.stamp" in names:  # of the measurement; the other is that of the recording
         found = ["" if name.strip("%") == "time" else name for name in found]
     if any("angular_velocity" in name for name in names) and any("linear_acc" in name for name in names):
@@ -110,8 +122,27 @@ def _of_devices(names: Sequence[str], found: list[str]) -> list[str]:
         found = ["" if name.startswith(("gyroRotation", "motionQuaternion")) else name for name in found]
     if {"Face", "State"} <= set(names):  # NDI, mm
         found = [f"{name} (mm)" if name in ("Tx", "Ty", "Tz") else name for name in found]
+    if set(_MAVLINK) <= set(
+        names
+    ):  # of HIGHRES_IMU and HIL_SENSOR in rad/s, of SCALED_IMU in mrad/s; of RAW_IMU in counts
+        unit = "rad/s" if "abs_pressure" in names else "mrad/s" if "time_boot_ms" in names else ""
+        found = [f"{name} ({unit})" if unit and name in _MAVLINK else name for name in found]
+    if any(name.startswith(_CRAZYFLIE) for name in names):
+        found = [f"{name} (deg/s)" if name in ("gyro.x", "gyro.y", "gyro.z") else name for name in found]
     if any(_GMAT_CLOCK.match(name) for name in names):  # vector first
         found = [re.sub(r"^\w+\.Q([1-4])$", lambda index: "q" + "xyzw"[int(index[1]) - 1], n) for n in found]
+    return found
+
+
+def _counted_from_one(names: Sequence[str]) -> list[str]:
+    """Names of which the three components of a vector that are counted from 1 are called x, y and z; four are of any order."""
+    found = list(names)
+    matched = [(k, parts) for k, name in enumerate(names) if (parts := _FROM_ONE.fullmatch(name.strip()))]
+    for stem in dict.fromkeys(parts[1] for _, parts in matched):
+        own = [(k, parts) for k, parts in matched if parts[1] == stem]
+        if [parts[2] for _, parts in own] == ["1", "2", "3"]:
+            for (k, parts), axis in zip(own, "xyz", strict=True):
+                found[k] = f"{stem}_{axis}{parts[3]}"
     return found
 
 
@@ -147,7 +178,11 @@ def _without_frames(name: str) -> str:
     if _BIAS.match(name.strip()):
         return ""
     matched = _FRAMES.match(name.strip())
-    return name if matched is None else f"{matched[1]}_{matched[2]}{matched[3].replace('[]', '')}"
+    if matched is None:
+        return name
+    if matched[1] in ("w", "omega") and (matched[2] or " ") in _INERTIAL:
+        return ""
+    return f"{matched[1]}_{matched[3]}{matched[4].replace('[]', '')}"
 
 
 def _plain(name: str) -> str:

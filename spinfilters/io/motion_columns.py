@@ -2,14 +2,14 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.logger_names import understood_names
-from spinfilters.io.stated_values import LENGTH_UNITS, RATE_UNITS, ReadingOptions
+from spinfilters.io.stated_values import LENGTH_UNITS, RATE_UNITS, ReadingOptions, to_state
 
 Quantity = Literal["time", "rate", "acceleration", "position", "quaternion", "matrix"]
 
@@ -40,7 +40,7 @@ _ACCELERATION_UNITS = {
 }
 _LENGTH_UNITS = {"m": "m", "mm": "mm", "cm": "cm"}
 
-_BRACKETS = re.compile(r"\s*[(\[]\s*([^()\[\]]*?)\s*[)\]]\s*$")
+_BRACKETS = re.compile(r"\s*[(\[{]\s*([^()\[\]{}]*?)\s*[)\]}]\s*$")
 _TIME_WORD = re.compile(
     r"(?:t|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
     r"system|local|sample|monotonic|field|start|in|realtime)"
@@ -59,7 +59,9 @@ _STEMS: Final[dict[Quantity, re.Pattern[str]]] = {
     "acceleration": re.compile(
         r"a|acc|accel|acceleration|accelerometer(?:acceleration)?|linearacceleration|accsmooth|accadc|accscaled"
     ),
-    "position": re.compile(r"p|pos|position|t|trans|translation|(?:pose){1,2}position|tag|origin"),
+    "position": re.compile(
+        r"p|pos|position|t|trans|translation|(?:pose){1,2}position|tag|origin|loc|location"
+    ),
     "quaternion": re.compile(
         r"q|quat|quaternions?|orientation|attitude|rot|rotation|(?:pose){1,2}orientation"
     ),
@@ -85,7 +87,7 @@ class Heading:
     axis : str
         "x", "y", "z" or "w"; of a rotation matrix, row and column; empty of time.
     unit : str
-        Canonical spelling, empty where none is stated, behind a question mark where it is unknown.
+        Canonical spelling, empty where none is stated, after a question mark where it is unknown.
     is_si : bool
         Whether its name, without a unit, is that of a quantity in SI by convention.
     """
@@ -277,10 +279,26 @@ def motion_columns(
         A quantity that stands twice, or in two units or one that is unknown; clocks among which none can be
         chosen.
     """
-    found, headings = _vectors(path, names, bare)
+    understood = understood_names(names)
+    found, headings = _vectors(path, names, understood, bare)
+    is_gyro = "rate" in found and not found["rate"].is_si
+    if "quaternion" not in found and "matrix" not in found and not is_gyro:
+        try:
+            own = _of_one_body(path, understood, options.topic)
+        except InputError:
+            if "rate" not in found:
+                raise
+            own = None
+        if own is not None:
+            understood, options = own, replace(options, topic=None)
+            found, headings = _vectors(path, names, understood, bare)
+    if options.topic is not None:
+        raise InputError(
+            f"{path_text(path)}: topic does not apply: no body {value_text(options.topic)} has a quaternion; leave it out"
+        )
     if bare is None and "quaternion" in found and "position" not in found:
         found, headings = _vectors(
-            path, names, "position"
+            path, names, understood, "position"
         )  # x, y, z beside a quaternion, as in the header of TUM
     if options.rate is not None:
         return MotionColumns(None, found)
@@ -289,10 +307,10 @@ def motion_columns(
 
 
 def _vectors(
-    path: Path, names: Sequence[str], bare: Quantity | None
+    path: Path, names: Sequence[str], understood: Sequence[str], bare: Quantity | None
 ) -> tuple[dict[Quantity, VectorColumns], list[Heading | None]]:
     """Vectors of a header, and what each of its columns says."""
-    headings = [heading_of(name, bare) for name in understood_names(names)]
+    headings = [heading_of(name, bare) for name in understood]
     found: dict[Quantity, VectorColumns] = {}
     for quantity, axes in AXES.items():
         vector = _vector(
@@ -301,6 +319,45 @@ def _vectors(
         if vector is not None:
             found[quantity] = vector
     return found, headings
+
+
+_QUATERNION_END: Final = re.compile(
+    r"(.*?)(?:(?<![A-Za-z])|(?<=[a-z])(?=[QOR]))(q|quat|quaternion|ori|orient|orientation|rot|rotation)[_. ]?([wxyz])",
+    re.IGNORECASE,
+)
+"""A component of the quaternion of a body, whose name stands in front: box_qw, stateEstimate.qx, pose1.orientation.z, RotX."""
+_NOT_MEASURED: Final = re.compile(r"setpoint|desired|cmd|command|goal|target|ref|cov|std", re.IGNORECASE)
+
+
+def _of_one_body(path: Path, names: Sequence[str], topic: str | None) -> list[str] | None:
+    """Names without that of a body in front of them, and no names of what is not of this body; None where none has a quaternion.
+
+    InputError: several bodies, or others than the one that is asked for.
+    """
+    bodies: dict[str, dict[str, int]] = {}
+    for k, name in enumerate(names):
+        if matched := _QUATERNION_END.fullmatch(name.strip()):
+            bodies.setdefault(matched[1], {})[matched[3].lower()] = k
+    whole = [body for body, own in bodies.items() if len(own) == 4 and not _NOT_MEASURED.search(body)]
+    called = {body: body.strip("_. ") for body in whole}
+    if topic is not None:
+        whole = [body for body in whole if topic in (called[body], called[body].rpartition(".")[2])]
+    if len(whole) != 1:
+        if not called:
+            return None
+        listed = ", ".join(value_text(each) for each in called.values())
+        raise InputError(
+            f"{path_text(path)}: has quaternions of {listed}; give {to_state('topic', 'ONE OF THEM')}"
+        )
+    (body,) = whole
+    quaternion = {k: f"q{axis}" for axis, k in bodies[body].items()}
+    found = []
+    for k, name in enumerate(names):
+        heading = heading_of(name)
+        is_clock = heading is not None and heading.quantity == "time"
+        own = name.strip()[len(body) :] if name.strip().startswith(body) else ""
+        found.append(quaternion.get(k) or own or (name if is_clock else ""))
+    return found
 
 
 class _Headed(NamedTuple):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
@@ -19,7 +20,7 @@ from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.motion_columns import Quantity, heading_of
 from spinfilters.io.motion_table import MotionTable, read_motion_table, rotations_of
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
-from spinfilters.io.sensor_tables import LATEST_SECONDS, TUM_COLUMNS, read_tum
+from spinfilters.io.sensor_tables import LATEST_SECONDS, TUM_COLUMNS, read_tum, require_clock
 from spinfilters.io.stated_values import ReadingOptions, to_state
 from spinfilters.io.table_layout import PREAMBLE_LINES
 from spinfilters.io.text_table import read_blank_separated
@@ -69,26 +70,47 @@ def read_transforms(path: Path, options: ReadingOptions) -> MotionTable | None:
     path : Path
         The table.
     options : ReadingOptions
-        Have to state the rate.
+        Have to state the rate, unless a times.txt does.
 
     Raises
     ------
     InputError
-        No rate; a matrix that is no rotation.
+        Neither; a matrix that is no rotation.
     """
     if len(_first_numbers(path)) != _TRANSFORM:
         return None
-    if options.rate is None:
-        raise InputError(
-            f"{path_text(path)}: twelve numbers a row are poses without a clock, as KITTI's; give {to_state('rate', 'HZ')}"
-        )
     options.require_only(("rate",), "a table of poses without a clock")
     table = read_blank_separated(path, [f"T{row}{column}" for row in range(3) for column in range(4)])
     matrices = table.values.reshape(-1, 3, 4)
     R = rotations_of(table, matrices[:, :, :3])
-    time = np.arange(len(R)) / options.rate
+    if options.rate is not None:
+        time, remark = np.arange(len(R)) / options.rate, f"clock of {options.rate:g} Hz as stated"
+    else:
+        time, remark = _kitti_times(path, len(R))
     stream = MeasurementStream("pose", time, np.column_stack([matrices[:, :, 3], quaternion_from_matrix(R)]))
-    return MotionTable(stream, None, (f"clock of {options.rate:g} Hz as stated",))
+    return MotionTable(stream, None, (remark,))
+
+
+def _kitti_times(path: Path, count: int) -> tuple[Float[np.ndarray, " n"], str]:
+    """Times of KITTI's poses, s, and where they are: in times.txt beside them, or in the folder of the sequence of that number.
+
+    InputError: none of the files, or other than a time for each pose.
+    """
+    places = (path.parent / "times.txt", path.parent.parent / "sequences" / path.stem / "times.txt")
+    found = next((place for place in places if os.path.isfile(place)), None)
+    if found is None:
+        raise InputError(
+            f"{path_text(path)}: twelve numbers a row are poses without a clock, as KITTI's; give {to_state('rate', 'HZ')}, or put "
+            "the times.txt of the sequence beside them"
+        )
+    table = read_blank_separated(found, ["time_s"])
+    require_clock(table)
+    if len(table.values) != count:
+        raise InputError(
+            f"{path_text(found)}: has {len(table.values)} times for {count} poses; give that of the same sequence, or "
+            f"{to_state('rate', 'HZ')}"
+        )
+    return table.values[:, 0], f"times of {printable(found.name)}"
 
 
 def _first_numbers(path: Path) -> tuple[float, ...]:

@@ -63,14 +63,15 @@ def clock_unit(
     InputError
         Several units or none are plausible.
     """
+    step = float(np.median(np.abs(np.diff(time)))) if len(time) > 1 else 0.0
     dated = [
         unit
         for unit, second in CLOCK_UNITS.items()
         if _CALENDAR[0] < abs(float(time[0])) * second < _CALENDAR[1]
+        and step * second <= MOTION_TABLE_LONGEST_STEP
     ]
     if dated:
         return dated[0]
-    step = float(np.median(np.abs(np.diff(time)))) if len(time) > 1 else 0.0
     plausible = _plausible_units(time, step)
     possible = [
         u
@@ -135,7 +136,7 @@ class MotionTable:
 
 def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None = None) -> MotionTable:
     """Poses, attitudes or body rates of a text table. See `motion_of`; InputError: as `read_layout`, too."""
-    options.require_only(("unit", "clock", "rate", "columns"), "a table")
+    options.require_only(("unit", "clock", "rate", "columns", "topic"), "a table")
     source = TextColumns(path, read_layout(path, options.column_names))
     return motion_of(source, options, bare if options.columns is None else bare or "rate")
 
@@ -246,7 +247,7 @@ def _poses(
     """
     has_position = "position" in columns.vectors
     if not has_position:
-        options.require_only(("clock", "rate", "columns"), "a table of attitudes")
+        options.require_only(("clock", "rate", "columns", "topic"), "a table of attitudes")
     table = _read_quantities(source, columns, ("position", rotation) if has_position else (rotation,))
     if rotation == "matrix":
         table = _with_quaternions(table)

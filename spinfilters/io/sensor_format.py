@@ -90,7 +90,7 @@ class SensorFormat:
     file : str
         Its table in a data set folder.
     columns : tuple[str, ...]
-        Of the values, behind time_s (and landmark_id).
+        Of the values, after time_s (and landmark_id).
     dimension : int
         Of the covariance of a row.
     noise : tuple[NoiseOption, ...]

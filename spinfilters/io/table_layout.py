@@ -6,6 +6,7 @@ that others export begin with settings, have comment lines, quoted cells and sev
 
 import codecs
 import csv
+import math
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -80,7 +81,7 @@ class TableLayout:
 
     @property
     def comment(self) -> str | None:
-        """Mark of a comment behind the cells of a line; None where there are no comments."""
+        """Mark of a comment after the cells of a line; None where there are no comments."""
         if not self.comments:
             return None
         return "#" if self.delimiter is None else " #"
@@ -101,7 +102,7 @@ class TableLayout:
     def cells(self, text: str) -> list[str]:
         """Cells of a line's content, without quotes and blanks around them, with points as decimal marks.
 
-        An empty cell behind all columns is left out where the table is not strict.
+        An empty cell after all columns is left out where the table is not strict.
         """
         cells: list[str] | None = None
         if self.quote is not None and self.quote in text:
@@ -147,7 +148,26 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     encoding = _encoding(path)
     require_text_table(path, encoding)
     layout = _found_layout(path, stated, encoding)
-    return replace(layout, rate=_stated_rate(path, layout))
+    return replace(layout, names=_with_unit_of_counts(path, layout), rate=_stated_rate(path, layout))
+
+
+_GYRO_SCALE: Final = re.compile(r'"?gyroScale"?[,;]\s*"?([0-9.eE+-]{1,30})"?\s*')
+"""Of the Blackbox Explorer, in rad/us a count."""
+_COUNTS: Final = tuple(f"gyroADC[{axis}]" for axis in range(3))
+
+
+def _with_unit_of_counts(path: Path, layout: TableLayout) -> tuple[str, ...]:
+    """Names of the columns, those of Betaflight's gyro with deg/s where a count is one, as the lines above the header say."""
+    if not set(_COUNTS) <= set(layout.names):
+        return layout.names
+    scales: list[float] = []
+    with open(path, encoding=layout.encoding) as stream:
+        for _ in range(min(layout.header_line, PREAMBLE_LINES)):
+            if matched := _GYRO_SCALE.fullmatch(stream.readline().strip()):
+                with suppress(ValueError):
+                    scales.append(float(matched[1]))
+    is_degrees = bool(scales) and all(abs(1e6 * scale * 180 / math.pi - 1) < 1e-4 for scale in scales)
+    return tuple(f"{name} (deg/s)" if is_degrees and name in _COUNTS else name for name in layout.names)
 
 
 _RATE_WORDS = re.compile(
@@ -264,6 +284,8 @@ def _header(line: str, below: str) -> TableLayout | None:
 _UNITS: Final = re.compile(
     r"(?:[mun]?s|m?rad|m?deg|[mc]?m|m/s|(?:m?rad|m?deg|d)/s|m?dps|rpm|m?g|m/s\^?2|m/s²)", re.IGNORECASE
 )
+_NOTE: Final = re.compile(r"(?:Type|Unit|Interp|BlockPath|PortIndex|Enum):")
+"""Of a line below the names that the Simulation Data Inspector writes."""
 _LENGTHS: Final = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}
 """Units of length, as motion capture spells them."""
 
@@ -290,6 +312,10 @@ def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | Non
     units = [""] * width
     if len(rows) > 1 and _are_units(rows[-1]):
         units = [_bare_unit(cell) for cell in rows.pop()]
+    for noted in [each for each in rows[1:] if any(_NOTE.match(cell) for cell in each)]:
+        rows.remove(noted)
+        if any(cell.startswith("Unit:") for cell in noted):
+            units = [cell.removeprefix("Unit:").strip() for cell in noted]
     place = len(rows) - 1
     while place > 0 and len(set(filter(None, rows[place]))) < 3:  # such as types of the columns
         place -= 1
@@ -340,7 +366,7 @@ def _bare_unit(cell: str) -> str:
 
 
 def _stated_length(lines: Sequence[_NumberedLine]) -> str:
-    """Unit behind the words "Length Units" above a header; empty without them."""
+    """Unit after the words "Length Units" above a header; empty without them."""
     for _, line in lines:
         cells = _split(line, ",")
         if "Length Units" in cells[:-1]:
@@ -373,7 +399,7 @@ def _has_stated(line: str, names: Sequence[str]) -> bool:
 
 
 def _ends_empty(line: str, delimiter: str | None) -> bool:
-    """Whether the last cell of a line is empty, as behind a delimiter at its end."""
+    """Whether the last cell of a line is empty, as after a delimiter at its end."""
     return delimiter is not None and line.rstrip(" \r\n").endswith(delimiter)
 
 

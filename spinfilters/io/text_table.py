@@ -203,9 +203,7 @@ def _regular_lines(lines: Iterator[str], layout: TableLayout) -> Iterator[str]:
         if not text:
             continue
         if not is_strict and (delimiter is None or text.count(delimiter) != width):
-            raise ValueError(
-                "this row must be read alone"
-            )  # NumPy counts no cells behind those that it takes
+            raise ValueError("this row must be read alone")  # NumPy counts no cells after those that it takes
         yield text.replace(",", ".") if layout.decimal_comma else text
 
 

@@ -34,6 +34,8 @@ TRUTH_FILES: Final = (TRUTH_TABLE, TRUTH_BODY)
 """A folder with one of them has a truth."""
 
 _TRAJECTORY_SHAPES = {"center_of_mass": 3, "q_ig": 4, "velocity": 3, "rate_i": 3}
+TRAJECTORY_FIELDS: Final[tuple[str, ...]] = tuple(_TRAJECTORY_SHAPES)
+"""Arrays of a truth with a row for each stamp, besides its times."""
 _BODY_RANGES = {
     "principal_moments": NumberRange(1e-9, 1e18),
     "principal_axes_g": NumberRange(-1.001, 1.001),

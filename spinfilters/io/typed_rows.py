@@ -8,6 +8,7 @@ import os
 import re
 from array import array
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -68,7 +69,8 @@ class TypedRowsReader(StatedReader):
         require_text_table(path)
         chosen = self._chosen(path, _sensors(path))
         columns = _columns(path, chosen)
-        return motion_dataset(path, f"{path.name}, {printable(chosen)}", motion_of(columns, self.options))
+        options = replace(self.options, topic=None)
+        return motion_dataset(path, f"{path.name}, {printable(chosen)}", motion_of(columns, options))
 
     def _chosen(self, path: Path, sensors: Sequence[str]) -> str:
         wanted = SENSORS if self.options.topic is None else (self.options.topic,)

@@ -71,7 +71,7 @@ def track_faces(
     """Poses and faces from the planes of every scan.
 
     Tracked twice: where one face is in view, a rotation about its normal comes from the rate alone, which is known better from the
-    scans before and behind than from the first few.
+    scans before and after than from the first few.
     Frame g has the lidar's axes at the first scan and its origin at ``middle``.
 
     Parameters
@@ -575,7 +575,7 @@ def _poses(
 
 def _describe_coarse_scans(clouds: Sequence[Float[np.ndarray, "n 3"]], unused: int, by_faces: bool) -> str:
     """Why scans are not used, and the cure: with more points they would be registered."""
-    ways = "faces and points" if by_faces else "the scans before and those behind"
+    ways = "faces and points" if by_faces else "the scans before and those after"
     return (
         f"{np.median([len(points) for points in clouds]):.0f} points a scan leave several attitudes of this body; {unused} of "
         f"{len(clouds)} scans are not used, because {ways} give different ones; give scans of {FEWEST_REGISTERED} points or more"

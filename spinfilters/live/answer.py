@@ -52,7 +52,7 @@ class Answer:
 def write_answer(answer: Answer, style: str, stream: TextIO) -> None:
     """Write an answer as one line, JSON or TUM.
 
-    TUM (time, t, q_ig; of a rotation alone t is 0) with the verdict behind #.
+    TUM (time, t, q_ig; of a rotation alone t is 0) with the verdict after #.
     """
     stream.write((tum_line if style == "tum" else json_line)(answer) + "\n")
     stream.flush()
@@ -79,7 +79,7 @@ def json_line(answer: Answer) -> str:
 
 
 def tum_line(answer: Answer) -> str:
-    """TUM, with standard deviations of position (m) and attitude (rad) and the verdict behind #."""
+    """TUM, with standard deviations of position (m) and attitude (rad) and the verdict after #."""
     layout, belief = answer.belief.layout, answer.belief
     q = belief.mean[layout.mean_slice("a")]
     t = belief.mean[layout.mean_slice("t")] if layout.translates else np.zeros(3)

@@ -139,7 +139,7 @@ def _first_smoother(setup: Setup, settings: Settings) -> tuple[Callable[[], Recu
         return None
 
     def build() -> RecursiveSmoother:
-        """The smoother behind the initialisation."""
+        """The smoother after the initialisation."""
         smoother = RecursiveSmoother(setup.process, settings.smoother.options(LONG_RUN))
         begin_after_initialisation(smoother, setup)
         return smoother

@@ -134,7 +134,7 @@ class BatchedLinearisation:
         """
         inputs = self._inputs()
         begin = ca.Function("begin_steps", inputs, [*self._begin_rotation(inputs[0], inputs[2]), inputs[4]])
-        state = ca.SX.sym("state", 2 * ROTATION + self._integrator.expressions.linear_substep().numel_in(0))
+        state = ca.SX.sym("state", 2 * ROTATION + self._integrator.expressions.linear_substep.numel_in(0))
         end = ca.Function("end_steps", [*inputs, state], self._end(inputs, state))
         return VectorisedScan(begin, self._rotation_function(state), end)
 
@@ -153,7 +153,7 @@ class BatchedLinearisation:
     def _rotation_function(self, state: Expression) -> ca.Function:
         substep, linear = (
             self._integrator.expressions.substep(),
-            self._integrator.expressions.linear_substep(),
+            self._integrator.expressions.linear_substep,
         )
         p, slopes = ca.SX.sym("p", substep.numel_in(1)), ca.SX.sym("slopes", substep.numel_in(1))
         h, numbers = ca.SX.sym("h"), ca.SX.sym("numbers", 2)
@@ -171,7 +171,7 @@ class BatchedLinearisation:
         error = rotation_difference(coarse, fine) / 15
         after = self._integrator.expressions.translated(layout.unpack(here), fine[:4], fine[4:], dt)
         last = ca.diagcat(ca.SX.zeros(3, 3), ca.SX.eye(3)) * h * boole_weights(FEWEST)[-1]
-        _, transition, factor = self._integrator.expressions.assemble()(
+        _, transition, factor = self._integrator.expressions.assemble(
             about, dt, psd, sums, ca.reshape(noise, 6, 6) + last
         )
         turn, a = _turn_between(layout.unpack(there)["q"], layout.unpack(after)["q"]), layout.slice("a")

@@ -77,7 +77,7 @@ def camera_pose_model(poses: Float[np.ndarray, "k 7"] | None) -> CameraPoseModel
 def with_camera_poses(
     parameters: Float[np.ndarray, "k p"], poses: Float[np.ndarray, "k 7"] | None
 ) -> Float[np.ndarray, "k q"]:
-    """Parameters of measurements with the camera's poses (t_ic m, q_ic) behind them; none where it rests."""
+    """Parameters of measurements with the camera's poses (t_ic m, q_ic) after them; none where it rests."""
     return parameters if poses is None else np.concatenate([parameters, poses], axis=1)
 
 

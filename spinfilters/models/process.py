@@ -6,8 +6,8 @@ optional blocks of the state (`spinfilters.models.state_blocks`).
 To add to the model:
 
 - a torque is a term of `body_acceleration`, of rate, inertia and constants. Its constant is a state block, named in
-  `ACCELERATION_TERMS` of `spinfilters.models.rotation_integrator`, from where all users take it. No step knows a time or an input,
-  such as a field;
+  `ACCELERATION_TERMS` of `spinfilters.models.rotation_integrator`, which `derivative` and all integrators read. No torque is given
+  the time, the attitude or a field (docs/how-to/add-a-force-or-torque.md says what these need);
 - a force is a term of `RotationSubsteps.translated` in that file, which moves the centre of mass in filters, smoother and
   simulation. Repeat it in `derivative`, else verdict and observability analyser miss it;
 - a white disturbance is an entry of `spinfilters.io.disturbances.DISTURBANCES`, and its part of the noise factor G in
@@ -379,7 +379,7 @@ class TorqueFreeProcess:
         dt : ndarray of float, shape (k,)
             Duration of each step, s.
         there : Float[np.ndarray, 'k m']
-            Expected ends of the steps; the caller gives them the mass distribution and other constants of ``here``.
+            Expected ends of the steps; they must hold the mass distribution and other constants of ``here``.
         about : Float[np.ndarray, 'k m'] | None
             States at which the derivatives are taken: those of ``here`` with other constants (inertia, drag);
             None for ``here``.
@@ -406,7 +406,7 @@ class TorqueFreeProcess:
         Raises
         ------
         InputError
-            Body rates (rad/s) at these times (s) that take too many substeps.
+            The rates need too many substeps; the text names the interval and its turns.
         """
         turned = turns(rates[:-1], np.diff(time))
         if substeps(float(turned.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:

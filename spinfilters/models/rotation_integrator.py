@@ -186,17 +186,18 @@ class RotationSubsteps:
         constants, start = rotation_parameters(self._layout, values), ca.vertcat(values["q"], values["w"])
         sums = ca.vertcat(start, ca.DM.eye(6)[:], ca.DM.zeros(6 * self._parameter_count), ca.DM.zeros(36))
         weights = ca.DM(boole_weights(count)).T
-        moved = _repeat(self.linear_substep(), count, sums, constants, dt / count, weights[:count])
+        moved = _repeat(self.linear_substep, count, sums, constants, dt / count, weights[:count])
         coarse = _repeat(self.substep(), count // 2, start, constants, 2 * dt / count)
         last = ca.diagcat(ca.DM.zeros(3, 3), ca.DM.eye(3)) * dt / count * weights[count]
         noise = ca.reshape(moved[-36:], 6, 6) + last
-        after, transition, factor = self.assemble()(x, dt, densities, moved[:-36], noise)
+        after, transition, factor = self.assemble(x, dt, densities, moved[:-36], noise)
         error = rotation_difference(coarse, moved[:7]) / 15
         names = (["x", "dt", "psd"], ["after", "error", "transition", "factor"])
         return ca.Function(
             f"linearise_{count}", [x, dt, densities], [after, error, transition, factor], *names
         )
 
+    @built_property
     def linear_substep(self) -> ca.Function:
         """One substep of (q, w, Psi, Theta, noise).
 
@@ -221,6 +222,7 @@ class RotationSubsteps:
         out = ca.vertcat(after, (A @ Psi)[:], (A @ Theta + B)[:], (A @ noise @ A.T)[:])
         return ca.Function("linear_substep", [sums, p, h, weight], [out], SHARED)
 
+    @built_property
     def assemble(self) -> ca.Function:
         """Whole state, transition and noise factor from those of the rotation, differentiated through the translation.
 

@@ -187,7 +187,7 @@ class AnalysedSensor:
     model : type[MeasurementModel]
         Over any layout: only its expressions are used.
     parameters : tuple[float, ...]
-        Of a measurement, behind the landmark's point where it sees points.
+        Of a measurement, after the landmark's point where it sees points.
     noise : Mapping[str, tuple[int, ...]]
         Where each noise option stands among them; its value there is the analyser's default.
     sees_points : bool

@@ -1,4 +1,4 @@
-"""The sensors: our own in a tuple, those of installed distributions behind them; a new one gets a line here."""
+"""The sensors: our own in a tuple, those of installed distributions after them; a new one gets a line here."""
 
 from collections.abc import Iterable
 from typing import Final

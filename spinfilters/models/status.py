@@ -32,7 +32,7 @@ class Finding:
     Attributes
     ----------
     check : str
-        Name of the check, with what it found behind a colon where it is one of several ("model-error:drag").
+        Name of the check, with what it found after a colon where it is one of several ("model-error:drag").
     sentence, cure : str
         What is the matter, and what to do about it.
     numbers : Mapping[str, float or str]
@@ -49,7 +49,7 @@ class Finding:
 
     @property
     def reason(self) -> str:
-        """The sentence with its cure, behind a colon unless it has one already."""
+        """The sentence with its cure, after a colon unless it has one already."""
         if not self.cure:
             return self.sentence
         if ": " in self.sentence:

@@ -74,7 +74,7 @@ def printed_figure(figure: Figure, name: str, style: PrintStyle) -> dict[str, by
     figure : Figure
         It is scaled, and not to be used afterwards.
     name : str
-        Of the file without suffix; panels are numbered from 1 behind it.
+        Of the file without suffix; panels are numbered from 1 after it.
     style : PrintStyle
         Format, width, panels.
 

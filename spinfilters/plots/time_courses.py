@@ -278,7 +278,7 @@ def _names(frame: str) -> tuple[str, str, str]:
 
 
 _MOST_MARKS_OF_NIS = 120  # of one estimator: more would be a solid bar
-_MOST_IN_A_LINE = 3  # means, behind the words of a title
+_MOST_IN_A_LINE = 3  # means, after the words of a title
 
 
 def consistency_figure(evaluations: Sequence[Evaluation]) -> Figure:
@@ -327,8 +327,8 @@ def _nees_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Estim
     axes.axhline(1.0, color=GREY, linewidth=0.8)
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("NEES / dof  [-]")
-    behind = "" if initialisation_end(evaluations) is None else " behind the initialisation"
-    head = f"error of the whole state, {dof} dof; mean{behind}:"
+    place = "" if initialisation_end(evaluations) is None else " after the initialisation"
+    head = f"error of the whole state, {dof} dof; mean{place}:"
     separator = " " if len(means) <= _MOST_IN_A_LINE else "\n"
     title = f"{head}{separator}{', '.join(means) or 'not finite'}"
     axes.set_title(title, loc="left", fontsize="medium")

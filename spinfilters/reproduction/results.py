@@ -87,7 +87,7 @@ def reproduce(
     again : bool
         Make also what is there already.
     report : callable
-        Called with an item before it is made, and with the item and its result behind it.
+        Called with an item before it is made, and with the item and its result after it.
     style : PrintStyle or None
         Of figures that are printed too; an item is made again where it has none in this format.
 

@@ -42,7 +42,7 @@ from spinfilters.verdict.doubts import doubts_of, evaluated, with_verdicts
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels
 
 CALIBRATION_ERROR_FILTER: Final = "mekf"
-"""Where a smoother with landmarks is too long to find its calibration errors, this filter's are taken (`CalibrationErrors`)."""
+"""Where a smoother with landmarks takes too long to find its calibration errors, this filter's are taken (`CalibrationErrors`)."""
 Progress = Callable[[str, int, int], None]
 """Called with the estimator's name, epochs done and epochs in all."""
 Rehearsing = Callable[[Estimator, float, Timeline], None]
@@ -85,7 +85,7 @@ OnEstimate = Callable[[Setup, Sequence[Evaluation], Mapping[str, np.ndarray]], N
 
 
 def not_watched(_setup: Setup, _evaluations: Sequence[Evaluation], _maps: Mapping[str, np.ndarray]) -> None:
-    """Nothing behind an estimator."""
+    """Do nothing after an estimator."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class ComparisonExtent:
         Runs a second copy of an estimator first, so that compiled code is ready before its run time is measured; None where nobody
         looks at run times, and no copy is made.
     on_estimate : OnEstimate
-        Called behind every estimator, before the verdicts.
+        Called after every estimator, before the verdicts.
     """
 
     bounding: Bounding = with_bounds
@@ -201,7 +201,8 @@ def _with_sampled_moments(
     """Filters with samples of the moments' posterior where their last belief hardly determines one direction of the inertia.
 
     The posterior after the last epoch is the same for every estimator: the smoother's samples serve where it is in the run. A
-    filter's own Gaussian lies at the mode of the first epochs, away from the mean. Others' estimators stay as they are.
+    filter's own Gaussian is centred at the mode that the first epochs have, not at the posterior's mean. Others' estimators stay
+    as they are.
     """
 
     def is_open(each: Evaluation) -> bool:
@@ -357,7 +358,7 @@ def _final_history(
 
 
 def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:
-    """Whether Ctrl-C ended it: it did not fail, and did not do all its epochs or was told behind the last one."""
+    """Whether Ctrl-C ended it: it did not fail, and did not do all its epochs or was stopped after the last one."""
     was_told = any(each.check == "interrupted" for each in history.status.findings)
     return not history.has_failed and (was_told or len(history.time) < epochs)
 

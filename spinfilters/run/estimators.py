@@ -17,6 +17,7 @@ from spinfilters.core.plugins import entries_by_name, in_order, installed_plugin
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Estimator
 from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.flow_curvature import TURN, FlowCurvature
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.noise_levels import VarianceComponent
@@ -90,7 +91,12 @@ class MekfEntry(MultiplicativeEntry):
     def build(self, setup: Setup, settings: Settings) -> MultiplicativeEkf:
         """The multiplicative EKF with the run's options."""
         return MultiplicativeEkf(
-            setup.process, settings.robust, settings.adaptation, settings.iteration, settings.landmarks
+            setup.process,
+            settings.robust,
+            settings.adaptation,
+            settings.iteration,
+            settings.landmarks,
+            FlowCurvature(TURN),
         )
 
 
@@ -116,7 +122,12 @@ class IteratedEntry(MultiplicativeEntry):
     def build(self, setup: Setup, settings: Settings) -> MultiplicativeEkf:
         """The multiplicative EKF with updates iterated to convergence."""
         return MultiplicativeEkf(
-            setup.process, settings.robust, settings.adaptation, UNTIL_CONVERGED, settings.landmarks
+            setup.process,
+            settings.robust,
+            settings.adaptation,
+            UNTIL_CONVERGED,
+            settings.landmarks,
+            FlowCurvature(TURN),
         )
 
 

@@ -30,7 +30,7 @@ from spinfilters.run.flight_momentum import (
 LARGEST_JUMP: Final = 10.0
 """Of the mean rate between two samples to the next, in root mean squares of those amid the flight."""
 LARGEST_DEVIATION: Final = 2.5
-"""Of a rate at an end from the parabola of those behind it, in standard deviations of that: four of a hundred by chance."""
+"""Of a rate at an end from the parabola of those after it, in standard deviations of that: four of a hundred by chance."""
 SLOWEST_RELEASE: Final = 4
 """Rates at each end, at most, that a hand may have changed."""
 FEWEST: Final = 8
@@ -90,7 +90,7 @@ def leads_on(
 
 
 def _count_departing(time: Float[np.ndarray, " r"], rates: Float[np.ndarray, "r 3"], margin: int) -> int:
-    """Number of leading rates, up to ``margin``, off the parabola of those behind."""
+    """Number of leading rates, up to ``margin``, off the parabola of those after."""
     angle = np.linalg.norm(np.median(rates[margin : len(rates) - margin], axis=0)) * np.abs(time - time[0])
     last = max(margin + FEWEST, int(np.searchsorted(angle, REACH)))
     near = np.s_[margin : min(last, len(rates) - margin)]

@@ -80,7 +80,7 @@ class PictureProcess:
         return self._writes("write", name, _text(folder))
 
     def close(self) -> None:
-        """End it, at once or behind the picture that it writes."""
+        """End it, at once or after the picture that it writes."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None

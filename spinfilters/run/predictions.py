@@ -110,7 +110,7 @@ def write_predictions(
     The columns are those of trajectory.csv, and estimators that failed are left out. <estimator>/prediction.npz is the
     history that the picture is drawn from: the last epoch, and all that is predicted from it; it is ``failed`` and holds the
     last epoch alone where the prediction is not finite, and then there is no table. Where the truth, or else a reference, has rows
-    behind the last epoch, these are among what is predicted, and prediction.json, <estimator>/prediction_errors.csv and
+    after the last epoch, these are among what is predicted, and prediction.json, <estimator>/prediction_errors.csv and
     prediction-errors.png hold the errors with their stated deviations and NEES.
     Returns the names of the pictures; none where nothing could be predicted.
 

@@ -13,10 +13,13 @@ from spinfilters.io.attitude_ephemeris import AttitudeEphemerisReader
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import DatasetFolderReader, OtherFolderReader, SensorTableReader
 from spinfilters.io.dataset_reader import DatasetReader, OnRefused, RawDataReader
+from spinfilters.io.echoed_messages import EchoedMessagesReader
+from spinfilters.io.gyroflow_log import GyroflowReader
 from spinfilters.io.input_file import path_text
 from spinfilters.io.labelled_lines import LabelledLinesReader
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.motion_file import LoggerFolderReader, MotionFileReader
+from spinfilters.io.mvnx_file import MvnxReader
 from spinfilters.io.number_folders import KittiFolderReader, Simulator42Reader
 from spinfilters.io.phone_exports import PhoneExportReader, PhyphoxReader
 from spinfilters.io.px4_log import Px4LogReader
@@ -181,6 +184,9 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     TypedRowsReader(),
     LabelledLinesReader(),
     AttitudeEphemerisReader(),
+    EchoedMessagesReader(),
+    GyroflowReader(),
+    MvnxReader(),
     PhoneExportReader(),
     PhyphoxReader(),
     RosBagReader(),

@@ -56,6 +56,19 @@ class TruthValue:
         return core_schema.no_info_before_validator_function(plain_number, truth)
 
 
+def _record_of(
+    name: str, doc: str, kinds: Mapping[str, Any], defaults: Mapping[str, Any], bases: tuple[type, ...] = ()
+) -> type:
+    """Frozen dataclass of options that a table of the package lists: type and default of each."""
+    return make_dataclass(
+        name,
+        [(option, kind, field(default=defaults[option])) for option, kind in kinds.items()],
+        bases=bases,
+        frozen=True,
+        namespace={"__doc__": doc, "__module__": __name__},
+    )
+
+
 @dataclass(frozen=True)
 class _OptionsOfEveryState:
     """Options of the initialisation that every state has; see `InitialisationOptions`.
@@ -171,12 +184,12 @@ if TYPE_CHECKING:
         def __getattr__(self, name: str) -> float: ...
 
 else:
-    InitialisationOptions = make_dataclass(
+    InitialisationOptions = _record_of(
         "InitialisationOptions",
-        [(name, Annotated[float, allowed], field(default=0.0)) for name, allowed in _OPTIONAL_PRIORS.items()],
-        bases=(_OptionsOfEveryState,),
-        frozen=True,
-        namespace={"__doc__": "Options of the initialisation, see the module.", "__module__": __name__},
+        "Options of the initialisation, see the module.",
+        {name: Annotated[float, allowed] for name, allowed in _OPTIONAL_PRIORS.items()},
+        dict.fromkeys(_OPTIONAL_PRIORS, 0.0),
+        (_OptionsOfEveryState,),
     )
 
 
@@ -335,14 +348,11 @@ if TYPE_CHECKING:
         def __getattr__(self, name: str) -> float | str: ...
 
 else:
-    SensorSettings = make_dataclass(
+    SensorSettings = _record_of(
         "SensorSettings",
-        [
-            (name, Auto | Annotated[float, option.allowed], field(default=AUTO))
-            for name, option in noise_options().items()
-        ],
-        frozen=True,
-        namespace={"__doc__": "Standard deviations of the sensors, see the module.", "__module__": __name__},
+        "Standard deviations of the sensors, see the module.",
+        {name: Auto | Annotated[float, option.allowed] for name, option in noise_options().items()},
+        dict.fromkeys(noise_options(), AUTO),
     )
 
 
@@ -362,17 +372,11 @@ if TYPE_CHECKING:
         def __getattr__(self, name: str) -> float | str: ...
 
 else:
-    CalibrationSettings = make_dataclass(
+    CalibrationSettings = _record_of(
         "CalibrationSettings",
-        [
-            (name, Auto | Annotated[float, each.allowed], field(default=AUTO))
-            for name, each in consider_parameters().items()
-        ],
-        frozen=True,
-        namespace={
-            "__doc__": "Standard deviations of the calibration, see the module.",
-            "__module__": __name__,
-        },
+        "Standard deviations of the calibration, see the module.",
+        {name: Auto | Annotated[float, each.allowed] for name, each in consider_parameters().items()},
+        dict.fromkeys(consider_parameters(), AUTO),
     )
 
 
@@ -384,14 +388,11 @@ if TYPE_CHECKING:
         torque_psd: float | Auto = AUTO
 
 else:
-    _DensitySettings = make_dataclass(
+    _DensitySettings = _record_of(
         "_DensitySettings",
-        [
-            (each.option, Auto | Annotated[float, each.allowed], field(default=each.setting))
-            for each in DISTURBANCES
-        ],
-        frozen=True,
-        namespace={"__doc__": density_rows('float or "auto"'), "__module__": __name__},
+        density_rows('float or "auto"'),
+        {each.option: Auto | Annotated[float, each.allowed] for each in DISTURBANCES},
+        {each.option: each.setting for each in DISTURBANCES},
     )
 
 

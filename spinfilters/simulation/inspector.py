@@ -17,9 +17,9 @@ LEAD = 20.0
 SHORTEST = 1e-6
 """Of an arc, s: an edge that it begins at is not where it ends."""
 SPREAD = 0.2
-"""Of the velocity behind a pulse, relative."""
+"""Of the velocity after a pulse, relative."""
 MOST_ARCS = 4000
-"""Drawn; behind them the cycle repeats from the first arc that begins at the same edge. Of an inspector that is some hours."""
+"""Drawn; after them the cycle repeats from the first arc that begins at the same edge. Of an inspector that is some hours."""
 
 
 def limit_cycle(
@@ -34,7 +34,7 @@ def limit_cycle(
     band : float
         Either way, m or rad.
     pulse : float
-        Mean velocity behind a pulse, per s.
+        Mean velocity after a pulse, per s.
     push : float
         Largest constant acceleration, per s^2; drawn, of either sign.
     """
@@ -52,7 +52,7 @@ def limit_cycle(
             velocity.append(-np.sign(edge) * pulse * (1 + SPREAD * float(strength.uniform(-1, 1))))
 
     def repeated(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Times, those behind the last arc in the cycle that repeats."""
+        """Times, those after the last arc in the cycle that repeats."""
         if np.max(time) <= start[-1]:
             return time
         begin, end = start[place.index(place[-1], 1)], start[-1]
@@ -92,7 +92,7 @@ SWAY: Final = np.array([[0.05], [0.05]])
 BAND: Final = np.array([[0.008], [0.015]])
 """Dead band of place, m, and attitude, rad, either way."""
 PULSE: Final = np.array([[0.002], [0.004]])
-"""Velocity behind a pulse of the thrusters, m/s and rad/s."""
+"""Velocity after a pulse of the thrusters, m/s and rad/s."""
 PUSH: Final = np.array([[1e-4], [2e-4]])
 """Largest constant acceleration between pulses, m/s^2 and rad/s^2."""
 
@@ -162,7 +162,7 @@ MOST_LATE: Final = 10.0
 FARTHEST: Final = 1e6
 """Of a drift of places and of a lever arm, m."""
 SPARSEST: Final = 1e4
-"""s: a path is followed to the pose behind the last epoch."""
+"""s: a path is followed to the pose after the last epoch."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ def _per_recording(told: ToldPoses) -> float:
 
 
 def _sparse(told: ToldPoses, size: float) -> ToldPoses:
-    """Poses every ``size`` s, the last at or behind the last epoch."""
+    """Poses every ``size`` s, the last at or after the last epoch."""
     first, last = float(told.time[0]), float(told.time[-1])
     steps = int(np.ceil((last - first) / size))
     steps += first + size * steps < last  # by rounding

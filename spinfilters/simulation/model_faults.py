@@ -1,7 +1,7 @@
 """Simulated recordings with one wrong model: of the motion, the clock, a camera, a front end, a gyro or poses.
 
 One more is a `ModelFault` in the tuple of its kind, all of which `MODEL_FAULTS` holds. First comes the disturbed motion, on a fine
-grid of time from before the first epoch to behind the last; then what is wrong with the measurements of it.
+grid of time from before the first epoch to after the last; then what is wrong with the measurements of it.
 """
 
 from collections.abc import Callable, Mapping

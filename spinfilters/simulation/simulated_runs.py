@@ -20,7 +20,7 @@ from spinfilters.simulation.scenario_record import Scenario
 
 @dataclass(frozen=True)
 class SimulatedRuns:
-    """Recordings of one scenario, one behind the other in time.
+    """Recordings of one scenario, one after the other in time.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ def _motions(
 
 
 def _join_runs(streams: Sequence[MeasurementStream], period: float) -> MeasurementStream:
-    """One sensor's measurements, one run behind the other."""
+    """One sensor's measurements, one run after the other."""
     first = streams[0]
     covariances = [each.covariance for each in streams if each.covariance is not None]
     return MeasurementStream(

@@ -180,7 +180,7 @@ def _index_observations(epochs: Timeline) -> _ObservationIndex:
     nothing = np.zeros(0, dtype=int)
     parts = [(found, ids) for found in by_sensor(epochs) if (ids := found.measurement.ids) is not None]
     every = np.concatenate([nothing, *(found.epoch for found, _ in parts)])
-    # order sorts the sensors' observations, one sensor behind the other, by epoch; number is its inverse
+    # order sorts the sensors' observations, one sensor after the other, by epoch; number is its inverse
     order = np.argsort(every, kind="stable")
     number = np.empty_like(order)
     number[order] = np.arange(len(order))
@@ -315,7 +315,7 @@ def _by_landmark(
 def _pairs(landmark: Int[np.ndarray, " r"]) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
     """Every pair of two rows of one landmark, the earlier first; landmarks ascend."""
     row = np.arange(len(landmark))
-    # rows behind each one that are of its landmark: the next landmark begins where searchsorted says
+    # rows after each one that are of its landmark: the next landmark begins where searchsorted says
     count = np.searchsorted(landmark, landmark, side="right") - row - 1
     # each row as often as it has partners, and the number of the partner, 0 for the next row
     one = np.repeat(row, count)

@@ -143,7 +143,7 @@ def without_oldest(
     if landmarks.any():
         rows.append(spread_poses(_of_landmarks(linear, landmarks, ordering), ordering, more))
     new = _at_first_estimates(np.concatenate(rows), ordering, first, here, more)
-    # Removed variables come first: the triangle behind their rows and columns is the prior of those that stay.
+    # Removed variables come first: the triangle after their rows and columns is the prior of those that stay.
     gone = count * len(ordering.moving)
     root = _triangular(window.marginal_prior, new, ordering, count)[gone:, gone:]
     after = replace(ordering, epochs=ordering.epochs - count)

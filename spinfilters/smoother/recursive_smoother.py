@@ -348,7 +348,7 @@ MOST_EPOCHS = 600
 """Of a recording: a surface grows with their square."""
 
 OUT_OF_VIEW, FEWEST_BACK = 4, 6
-"""Epochs without a landmark behind which it has come back, and how many have to come back to close a loop."""
+"""Epochs without a landmark after which it has come back, and how many have to come back to close a loop."""
 
 SelectedQuantities = Callable[[Sequence[MarginalizedState]], Mapping[str, Float[np.ndarray, "k q"]]]
 """What is kept of the k smoothed epochs of a window, by name."""

@@ -182,7 +182,7 @@ class WindowObservations:
         return WindowObservations(*(array.take(taken, axis=0) for array in vars(self).values()))
 
     def plus(self, other: "WindowObservations") -> "WindowObservations":
-        """Others behind them."""
+        """Others after them."""
         if not len(self.epoch):
             return other
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)

@@ -129,7 +129,7 @@ class InertiaEvidence:
 
 
 def inertia_evidence(setup: Setup, settings: Settings) -> InertiaEvidence | None:
-    """Inertia evidence of the epochs behind the initialisation.
+    """Inertia evidence of the epochs after the initialisation.
 
     None where that has failed or is followed by none.
     """

@@ -198,7 +198,7 @@ class CalibrationErrors:
         states: Float[np.ndarray, "k e"],
         landmarks: Float[np.ndarray, "L 3"],
     ) -> Float[np.ndarray, "n m"] | None:
-        """States of a filter behind an initialisation that has moved; None where it fails."""
+        """States of a filter after an initialisation that has moved; None where it fails."""
         setup = self.setup
         mean = setup.process.layout.retract(setup.initial.mean, states)
         initial = replace(setup.initial, mean=mean, points=setup.initial.points + landmarks)

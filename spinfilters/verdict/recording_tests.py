@@ -30,7 +30,7 @@ from spinfilters.smoother.closed_form import path_rows
 from spinfilters.verdict.checks import finding
 
 NEIGHBOURS: Final = 2
-"""Steps before and behind one, whose median rate says how far the body turned in it."""
+"""Steps before and after one, whose median rate says how far the body turned in it."""
 SMALLEST: Final = float(np.deg2rad(60.0))
 """Angle of a slip, rad: no face of a body that is mistaken for another lies nearer."""
 BEYOND: Final = 6.0
@@ -56,7 +56,7 @@ class Slip:
     sensor : str
         Whose attitudes slip.
     time, first : float
-        Of the first epoch behind it and of the first epoch of the recording, s.
+        Of the first epoch after it and of the first epoch of the recording, s.
     angle : float
         Rad.
     count : int
@@ -76,7 +76,7 @@ class Slip:
         more = f", the first of {self.count} jumps" if self.count > 1 else ""
         return (
             f"most like a slip of the front end: the attitude of {self.sensor} jumps by {np.degrees(self.angle):.0f} deg at "
-            f"{time_text(self.time, self.first)}{more}, with the rate the same before and behind it, as where one face of the body "
+            f"{time_text(self.time, self.first)}{more}, with the rate the same before and after it, as where one face of the body "
             "is taken for another"
         )
 
@@ -84,7 +84,7 @@ class Slip:
     def cure(self) -> str:
         """Advice for the user."""
         return (
-            "correct the association of the front end, or use the recording before or behind it (--segment); other causes are not "
+            "correct the association of the front end, or use the recording before or after it (--segment); other causes are not "
             "named until then"
         )
 
@@ -150,7 +150,7 @@ def slipped_steps(
 
 
 def _medians_of_neighbours(rates: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
-    """Median rate of the steps before and behind each one, fewer at the ends."""
+    """Median rate of the steps before and after each one, fewer at the ends."""
     count, nothing = len(rates), np.full((NEIGHBOURS, 3), np.nan)
     padded = np.concatenate([nothing, rates, nothing])
     around = [k for k in range(2 * NEIGHBOURS + 1) if k != NEIGHBOURS]
@@ -354,7 +354,7 @@ def repeated_poses(setup: Setup) -> list[Finding]:
 
 
 def repeats(trajectory: CameraTrajectory) -> Iterator[tuple[float, float]]:
-    """First and last time of each pose that repeats exactly right behind, or before, poses that move on evenly."""
+    """First and last time of each pose that repeats exactly right after, or before, poses that move on evenly."""
     steps = np.abs(np.diff(trajectory.poses, axis=0)).max(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[True], steps > 0, [True]]).astype(int)))
     for first, last in zip(edges[::2], edges[1::2], strict=True):

@@ -226,7 +226,7 @@ MOST_PIXELS: Final = 100_000_000
 FIRST_AND_LAST: Final = ((PNG_BEGIN, b"IEND"), (b"\xff\xd8", b"\xff\xd9"))
 """Bytes at the beginning and the end of a whole PNG and JPEG: decoders fill what is missing with grey."""
 LONGEST_TRAILER: Final = 65536
-"""Bytes that some programs write behind the end."""
+"""Bytes that some programs write after the end."""
 STAGE: Final = "image pairs"
 NANOSECOND: Final = 1e-9
 """Of the stamps, s."""

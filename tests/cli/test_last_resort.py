@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.cli.interrupts import AGAIN_S, noted_interrupts
+from spinfilters.cli.interrupts import AGAIN_S, INTERRUPTED, noted_interrupts
 from spinfilters.cli.main import main
 from spinfilters.simulation import scenario
 from tests.cli.faults import refusal
@@ -118,6 +118,33 @@ def test_a_ctrl_c_that_a_finalizer_loses_is_pressed_again(
 
     monkeypatch.setattr(scenario, "simulate", lose_and_work)
     assert "interrupted" in refusal(capsys, "compare")
+
+
+PRESSED_WHILE_LOADING = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+class Presser:
+    \"\"\"Presses Ctrl-C when a module is looked for.\"\"\"
+
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            {press}
+
+sys.meta_path.insert(0, Presser())
+from spinfilters.cli.entry_point import main
+sys.exit(main())
+"""
+LOST = "try: signal.raise_signal(signal.SIGINT)\n            except KeyboardInterrupt: pass"
+
+
+@pytest.mark.parametrize("press", ["signal.raise_signal(signal.SIGINT)", LOST], ids=["raised", "lost"])
+@pytest.mark.parametrize("module", ["spinfilters.cli.main", "argparse", "spinfilters.io.stated_values"])
+def test_a_ctrl_c_while_the_command_loads_ends_it_in_one_line(module: str, press: str) -> None:
+    program = PRESSED_WHILE_LOADING.replace("{press}", press)
+    found = subprocess.run([sys.executable, "-c", program, module], capture_output=True, text=True)
+    assert found.returncode == 2
+    assert found.stderr.splitlines() == [f"spinfilters: {INTERRUPTED}"]
 
 
 def test_a_ctrl_c_within_a_call_of_casadi_waits_for_its_end(default_interrupts: None) -> None:

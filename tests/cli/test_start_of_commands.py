@@ -9,6 +9,7 @@ import pytest
 @pytest.mark.parametrize(
     ("started", "unneeded"),
     [
+        ("import spinfilters.cli.entry_point", ("argparse", "logging", "inspect", "dataclasses", "difflib")),
         ("import spinfilters.cli.main", ("numpy", "casadi", "rich", "pydantic", "matplotlib")),
         (
             "from spinfilters.cli.main import main; main(['compare', 'no-such-recording.csv'])",
@@ -35,6 +36,11 @@ import pytest
         (
             "from spinfilters.filters.filterpy_points import merwe_points; merwe_points(2, 1.0, 2.0, 0.0)",
             ("filterpy", "scipy.stats", "scipy.optimize"),
+        ),
+        (
+            "from numpy import ones; from spinfilters.verdict.model_errors.noise_components import weighted_chi_square_tail; "
+            "weighted_chi_square_tail(ones(2), 3.0, 5.0)",
+            ("scipy.stats", "scipy.optimize"),
         ),
     ],
 )

@@ -10,6 +10,7 @@ from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.settings.run_settings import InitialisationOptions
+from spinfilters.simulation.scenario import Scenario, simulate
 
 STD = {"position": 0.005, "attitude": 0.02, "velocity": 0.005, "rate": 0.02}
 BODY_STD = {"center_of_mass": 0.005, "mass_distribution": 0.05}
@@ -193,3 +194,15 @@ def test_settings_with_a_belief_are_written_and_read_again() -> None:
     initialisation = InitialisationOptions(mean={"rate": [0.0, 0.0, 1.0]}, std={"rate": 0.1})
     settings = spinfilters.Settings(initialisation=initialisation)
     assert spinfilters.Settings(**settings.document) == settings
+
+
+def test_a_smoother_begins_from_measurements_where_the_filter_lost_the_motion() -> None:
+    """Of ten times the usual deviations; the filter's trajectory does not lead to the solution here."""
+    std = {"position": 0.05, "attitude": 0.2, "velocity": 0.05, "rate": 0.2}
+    std |= {"center_of_mass": 0.05, "mass_distribution": 0.5}
+    data = simulate(Scenario(kind="pose", seed=4, epochs=100, rate_rpm=(4.0, 9.0, 3.0)))
+    run = spinfilters.compare(data, "smoother", from_truth=4, belief={"std": std}, verdict="filter")
+    nees = run["smoother"].evaluation.nees
+    assert "smoother-unsettled" not in str(run["smoother"].evaluation.history.status)
+    assert nees is not None
+    assert nees.total[-1] / nees.dof < 2.0

@@ -13,6 +13,7 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.error_columns import levered_since_first, of_inspector
 from spinfilters.verdict.model_errors.hypotheses import NOTHING_KNOWN, noise_of, solved_near
 from spinfilters.verdict.model_errors.score_tests import ScoreTest, score_tests
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
@@ -74,6 +75,31 @@ def test_poses_of_another_point_than_the_camera_are_told_with_their_lever_arm() 
     told = found.std < 0.1  # along the axis it turns about it is a shift of frame i
     assert told.any()
     np.testing.assert_allclose(found.size[told], arm[told], atol=0.15)
+
+
+def test_a_lever_arm_on_a_circle_is_told_but_along_its_axis() -> None:
+    """Along that axis its column is rounding, which must not hide the other two; the circle's radius is a wrong length, too."""
+    circle = replace(MOVING, inspector="circle", epochs=60, inspector_errors=(("lever", 0.4),))
+    found = score_tested(circle)[1]["inspector-lever"]
+    arm = -0.4 * np.array([0.6, -0.48, 0.64])
+    in_plane = [0, 2]
+    assert found.dof == 2
+    assert found.p_value < 1e-3
+    assert np.all(found.std[in_plane] < 0.1)
+    assert np.all(np.abs(found.size - arm)[in_plane] < 4 * found.std[in_plane])
+
+
+def test_a_lever_arm_moves_the_states_that_follow_it() -> None:
+    """Told of a moved motion or not, the score and its information are the same (M J = 0)."""
+    motion, _ = score_tested(MOVING)
+    moved = table()["inspector-lever"].columns(motion)
+    plain = of_inspector(motion, levered_since_first)
+    assert moved is not None
+    assert plain is not None
+    assert np.all(moved.squares < 0.1 * plain.squares)
+    left, own = (motion.rows.residual(each) for each in (moved, plain))
+    scale = np.sqrt(np.outer(own.squares, own.squares))
+    np.testing.assert_allclose(left.gram(left) / scale, own.gram(own) / scale, atol=1e-5)
 
 
 def test_the_delay_of_a_uniform_circle_is_hardly_told() -> None:

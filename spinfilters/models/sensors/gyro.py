@@ -73,7 +73,7 @@ class Gyro(MeasurementModel):
         return rate + state["b"] if self.layout.has(GYRO_BIAS) else rate
 
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """White noise and, in proportion to the rate, an unknown scale, rad/s."""
+        """Square root of N + (scale_std |w|)^2 I, rad/s."""
         w, own = state["w"], self.noise.parameter_dim
         return self.noise.factor(parameters[:own], parameters[own] ** 2 * ca.dot(w, w))
 
@@ -110,8 +110,8 @@ class GyroSensor(Sensor):
                 NumberRange(1e-12, 1e6, "rad/s"),
                 default=0.005,
                 components=(0, 1, 2),
-                # Simulations take its level from this field of a Scenario. Only the levels that sensors share stand there:
-                # a new sensor states `simulated=` here instead, as the magnetometer does.
+                # Simulations take its level from this field of a Scenario, which older sensors have. A new sensor states
+                # `simulated=` here instead, as the magnetometer does.
                 scene_level="gyro_std",
             ),
             NoiseOption(
@@ -171,7 +171,7 @@ class GyroSensor(Sensor):
         return SimulatedStream(stream, {"gyro_noise_std": std})
 
     def flipped(self, values: Float[np.ndarray, " v"]) -> Float[np.ndarray, " v"]:
-        """The rate with the opposite sign, as by an axis that points the other way."""
+        """The rate with the opposite sign, as if all axes pointed the other way."""
         return np.negative(values)
 
     def outliers(

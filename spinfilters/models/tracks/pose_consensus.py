@@ -240,28 +240,31 @@ def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> 
     """Rough poses of f epochs, those that most of their matches agree on."""
     seen = _UsableMatches.of(table, calibration)
     poses, found = _trim_matches(seen)
-    unclear = found & (seen.share(seen.agreeing(poses)) < CLEAR_SHARE)
+    agreeing = seen.agreeing(poses)
+    unclear = found & (seen.share(agreeing) < CLEAR_SHARE)
     for epoch in np.flatnonzero(unclear).tolist():
         poses[epoch] = _best_of_triples(seen.epoch(epoch))
-    poses = _refine_poses(seen, poses, found)
-    agreeing = seen.agreeing(poses) & found[:, None]
+    if unclear.any():
+        agreeing = seen.agreeing(poses)
+    poses, agreeing = _refine_poses(seen, poses, agreeing & found[:, None], found)
     return Consensus(poses, found & (seen.share(agreeing) >= SMALLEST_SHARE), agreeing)
 
 
 def _refine_poses(
-    seen: _UsableMatches, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
-) -> Float[np.ndarray, "h 7"]:
-    """Poses refitted to their inliers until the inliers stay the same; undetermined poses are kept."""
+    seen: _UsableMatches,
+    poses: Float[np.ndarray, "h 7"],
+    agreeing: Bool[np.ndarray, "h k"],
+    found: Bool[np.ndarray, " h"],
+) -> tuple[Float[np.ndarray, "h 7"], Bool[np.ndarray, "h k"]]:
+    """Poses refitted to their inliers until the inliers stay the same, and the inliers; poses not found or not determined stay."""
     fitted = np.zeros((len(poses), seen.usable.shape[1]), dtype=bool)
     for _ in range(REFITS):
-        agreeing = seen.agreeing(poses)
-        if found is not None:
-            agreeing &= found[:, None]
         if np.array_equal(agreeing, fitted):
             break
         again, determined = seen.fitted(agreeing)
         poses, fitted = np.where(determined[:, None], again, poses), agreeing
-    return poses
+        agreeing = seen.agreeing(poses) & found[:, None]
+    return poses, agreeing
 
 
 def _trim_matches(seen: _UsableMatches) -> tuple[Float[np.ndarray, "f 7"], Bool[np.ndarray, " f"]]:
@@ -296,7 +299,8 @@ def _best_of_triples(seen: _UsableMatches) -> Float[np.ndarray, " 7"]:
     generator = np.random.default_rng(SEED)
     best, least = np.zeros(7), np.inf
     for batch in range(1, LARGEST_SEARCH + 1):
-        poses = _refine_poses(seen, _cheapest_motions(seen, generator))
+        drawn = _cheapest_motions(seen, generator)
+        poses, _ = _refine_poses(seen, drawn, seen.agreeing(drawn), np.ones(len(drawn), dtype=bool))
         costs = seen.cost(poses)
         cheapest = int(np.argmin(costs))
         if costs[cheapest] < least:

@@ -355,7 +355,7 @@ ALTERNATIVES: Final[tuple[Alternative, ...]] = (
         # As of the spacecraft's navigation. Of a camera that does not turn it is a shift of frame i, which nothing shows.
         "poses of another point of the inspector than its camera",
         "m",
-        partial(columns_of.of_inspector, displacement=columns_of.levered_about_mean),
+        columns_of.of_lever,
         "give the poses of cam0 itself (inspector.tum), or state calibration.inspector_lever_std",
         plausible=0.3,
         is_of_poses=True,

@@ -378,12 +378,34 @@ def of_inspector(motion: SmoothedMotion, displacement: Displacement) -> Columns 
     return displaced_camera(motion, displacement, camera)
 
 
-def levered_about_mean(
+def of_lever(motion: SmoothedMotion) -> Columns | None:
+    """A lever arm from the point of the given poses to the camera, its axes, m.
+
+    The estimated motion moves with it: t_k by R_k l less the first, which is a shift of frame i, and v_k by the change of that.
+    Images are then as they were, and the lever is seen by the forces that such a path needs. Relative to a motion that stays, the
+    states would follow the lever nearly, as a body can move on a circle too, and leave too little of it to tell it from rounding.
+    """
+    measured = of_inspector(motion, levered_since_first)
+    camera = KnownCamera.of(motion)
+    if measured is None or camera is None:
+        return None
+    layout, ordering = motion.rows.problem.layout, motion.rows.problem.ordering
+    seen = motion.time[camera.seen]
+    lever = levered_since_first(seen, camera.poses[camera.seen])[:, :3].reshape(len(seen), 9)
+    # between epochs in which it sees nothing it is somewhere: any path of the states leaves the error what it is
+    place = np.stack([np.interp(motion.time, seen, each) for each in lever.T], axis=1)
+    states = np.zeros((len(motion.time), layout.error_dim, 3))
+    states[:, layout.slice(POSITION.name)] = -place.reshape(-1, 3, 3)
+    states[:, layout.slice(VELOCITY.name)] = -np.gradient(place, motion.time, axis=0).reshape(-1, 3, 3)
+    return motion.rows.less_states(measured, states[:, ordering.moving])
+
+
+def levered_since_first(
     time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]
 ) -> Float[np.ndarray, "k 6 3"]:
-    """Displacement by a lever less its mean, which as a shift of frame i is far larger than what can be seen."""
+    """Displacement by a lever less the first, which is a shift of frame i."""
     found = levered(time, poses)
-    return found - found.mean(axis=0)
+    return found - found[0]
 
 
 def inspector_missing(motion: SmoothedMotion) -> Columns | None:

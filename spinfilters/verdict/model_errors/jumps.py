@@ -21,7 +21,7 @@ Kicks = Callable[[SmoothedMotion], Float[np.ndarray, "k n m"]]
 LEAST_TOLD: Final = 1e-9
 """Share of a kick's information that states must leave; with less it is rounding."""
 FEWEST_STEPS: Final = 4
-"""Before and behind a jump: nearer to the ends it is contact there."""
+"""Before and after a jump: nearer to the ends it is contact there."""
 LARGEST_FALL: Final = float(-2 * np.log(1 - np.sqrt(0.99)))
 """Of the statistic from the likeliest step to one that contains the jump all the same, with a probability of 0.99."""
 
@@ -77,7 +77,7 @@ def kick_of_step(motion: SmoothedMotion, kicks: Kicks, step: int) -> Columns:
 
 
 def interval_of_jump(time: Float[np.ndarray, " k"], among: Float[np.ndarray, " j"]) -> tuple[float, float]:
-    """Time from the beginning of the first step that may contain the jump to the end of the one behind the last, s.
+    """Time from the beginning of the first step that may contain the jump to the end of the one after the last, s.
 
     The kick of a step is at its end: one early in the next step is as near to it.
 

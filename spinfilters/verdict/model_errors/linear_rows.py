@@ -261,6 +261,12 @@ class LinearRows:
         """M H."""
         return right.minus(self._explained_rows(self.solved(self.gradient(right))))
 
+    def less_states(self, right: Columns, states: Float[np.ndarray, "k d m"]) -> Columns:
+        """H - J a of moving components a, in the place of H: the same error, for M J = 0."""
+        nothing = np.zeros((len(self.problem.ordering.constant), right.count))
+        landmarks = np.zeros((len(self.here.points), 3, right.count))
+        return right.minus(self._explained_rows(Gradient(states, nothing, landmarks)))
+
     @cached_property
     def prior_rows(self) -> Float[np.ndarray, "n n1"]:
         """Whitened rows [J | y] of the first state's prior; none without one."""

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import ndtr
 
 from spinfilters.core.chi_square import chi_square_tail, fisher_tail
+from spinfilters.core.scalar_root import root_between
 from spinfilters.filters.noise_levels import ComponentRows
 from spinfilters.smoother.motion_factors import EpochRows
 from spinfilters.verdict.model_errors.linear_rows import Columns, Gradient, LinearRows, flat, summed
@@ -38,9 +39,7 @@ def _tail(w: Float[np.ndarray, " n"], count: Float[np.ndarray, " n"], value: flo
 
     low, high = -0.5 / abs(w.min()) if w.min() < 0 else -_far(slope, w), 0.5 / w.max()
     margin = 1e-12
-    from scipy.optimize import brentq  # here alone: half a tenth of a second of every command's start
-
-    t = float(brentq(slope, low * (1 - margin), high * (1 - margin)))  # pyright: ignore[reportArgumentType]
+    t = root_between(slope, low * (1 - margin), high * (1 - margin))
     cumulant = -0.5 * float((count * np.log1p(-2 * t * w)).sum())
     curvature = 2 * float((count * (w / (1 - 2 * t * w)) ** 2).sum())
     r = float(np.sign(t) * np.sqrt(max(2 * (t * value - cumulant), 0.0)))

@@ -176,6 +176,10 @@ LEAST_LEFT: Final = 5e-6
 LEAST_BESIDE_PRIOR: Final = 0.1
 """Likewise, relative to that of what is plausible: what data determine to three times that at best is the error of linearising."""
 
+ROUNDING: Final = 1e-9
+"""Length of a component's column relative to the longest, below which it is zero but for rounding: an arm along the axis about
+which an inspector turns displaces nothing. Scaled to the others' length it would hide every direction that it mixes with."""
+
 HARDLY_LEFT, FARTHEST = 1e-3, 10.0
 """Share of a direction's information below which a size beyond so many plausible deviations is no size: the states follow such an
 error nearly, and what they leave of it is second order. A baseline larger by e makes a motion larger by e with all that disturbs
@@ -321,7 +325,7 @@ def _test_error(
     scale = np.sqrt(every.squares[own])
     if not (np.isfinite(scale).all() and scale.max(initial=0.0) > 0):
         return None
-    scale = np.where(scale > 0, scale, 1.0)
+    scale = np.where(scale > ROUNDING * scale.max(), scale, scale.max())
     F, u = every.information[own, own] / np.outer(scale, scale), every.score[own] / scale
     size = ErrorSize.of(F, u, (scale * error.plausible) ** -2.0)
     if size is None:

@@ -148,7 +148,7 @@ class SmoothedMotion:
     ) -> Columns:
         """Right-hand sides of angular (g axes) and linear (centre of mass, i axes) accelerations per unit of m errors.
 
-        Each step takes half of it before and half of it behind, which is enough for a direction to test.
+        Each step takes half of it before and half of it after, which is enough for a direction to test.
         """
         layout = self.rows.problem.layout
         given = [(RATE.name, angular), (CENTRE_VELOCITY.name, linear)]

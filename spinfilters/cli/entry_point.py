@@ -1,0 +1,18 @@
+"""Entry point of the command ``spinfilters``: Ctrl-C is answered before anything else is loaded."""
+
+import sys
+
+from spinfilters.cli.interrupts import INTERRUPTED, noted_interrupts, require_uninterrupted
+
+
+def main() -> int:
+    """Load the command and run it; exit code 2 behind one line where Ctrl-C came meanwhile."""
+    with noted_interrupts():
+        try:
+            from spinfilters.cli.main import main as run_command
+
+            require_uninterrupted()  # an import may lose it
+        except KeyboardInterrupt:
+            print(f"spinfilters: {INTERRUPTED}", file=sys.stderr)
+            return 2
+        return run_command()

@@ -1,0 +1,311 @@
+"""Logs of simulators, flight controllers and inertial units whose headers, factors or neighbours say what their names do not."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import spinfilters
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError
+from tests.io.logger_motion import (
+    COUNT,
+    DEGREES,
+    PLACE,
+    RATES,
+    STAMPS_NS,
+    STAMPS_US,
+    TIME,
+    TURN,
+    require_motion,
+    text,
+)
+
+WXYZ = TURN[:, [3, 0, 1, 2]]
+POSES = np.column_stack([PLACE, TURN])
+WRONG_RATES = 2 * RATES  # in other axes, as simulators state them beside poses
+COUNTS = 1e-4  # rad/s
+
+
+def table(name: str, head: str, *columns: Any, between: str = ",", end: str = "") -> Callable[[Path], Path]:
+    """Maker of a table of these columns: numbers by row, or one cell for all rows."""
+
+    def make(folder: Path) -> Path:
+        whole = [
+            np.reshape(np.broadcast_to(np.array(c).T, (np.size(c) // COUNT or 1, COUNT)), (-1, COUNT)).T
+            for c in columns
+        ]
+        rows = [[cell for part in whole for cell in part[k].tolist()] for k in range(COUNT)]
+        path = text(folder / name, head + "\n", rows, between)
+        path.write_text(path.read_text() + end)
+        return path
+
+    return make
+
+
+def kitti(folder: Path) -> Path:
+    text(folder / "sequences" / "00" / "times.txt", "", [(f"{t:.6e}",) for t in TIME])
+    rows = np.concatenate([matrix_from_quaternion(TURN), PLACE[:, :, None]], axis=2).reshape(COUNT, -1)
+    return text(folder / "poses" / "00.txt", "", rows.tolist(), " ")
+
+
+def mvnx(folder: Path, segments: Sequence[str] = ("Prop1",)) -> Path:
+    still = {"orientation": "1 0 0 0 ", "position": "0 0 0 "}
+    frames = ""
+    for k in range(COUNT):
+        own = {"orientation": WXYZ[k], "position": PLACE[k]}
+        parts = [
+            f"<{name}>{still[name] * (len(segments) - 1)}{' '.join(map(repr, own[name].tolist()))}</{name}>"
+            for name in own
+        ]
+        frames += f'<frame time="{20 * k}" index="{k}" type="normal">{"".join(parts)}</frame>'
+    labels = "".join(f'<segment label="{label}" id="1"/>' for label in segments)
+    path = folder / "take.mvnx"
+    path.write_text(
+        f'<mvnx xmlns="http://www.xsens.com/mvn/mvnx"><subject><segments>{labels}</segments><frames>'
+        f'<frame time="0" type="identity"/>{frames}</frames></subject></mvnx>'
+    )
+    return path
+
+
+def aem_xml(folder: Path) -> Path:
+    states = ""
+    for t, q in zip(TIME, TURN, strict=True):
+        numbers = "".join(
+            f"<{name}>{value!r}</{name}>"
+            for name, value in zip(("Q1", "Q2", "Q3", "QC"), q.tolist(), strict=True)
+        )
+        epoch = f"<EPOCH>2021-11-28T21:29:0{t:.4f}</EPOCH>"
+        ephemeris = f"<quaternionEphemeris>{epoch}<quaternion>{numbers}</quaternion></quaternionEphemeris>"
+        states += f"<attitudeState>{ephemeris}</attitudeState>"
+    stated = {"REF_FRAME_A": "J2000", "REF_FRAME_B": "SC_BODY", "ATTITUDE_TYPE": "QUATERNION"}
+    metadata = "".join(f"<{name}>{value}</{name}>" for name, value in stated.items())
+    path = folder / "sat.xml"
+    path.write_text(
+        f"<aem><body><segment><metadata>{metadata}</metadata><data>{states}</data></segment></body></aem>"
+    )
+    return path
+
+
+def echoed(folder: Path) -> Path:
+    whole = ""
+    for stamp, rate in zip(STAMPS_NS, RATES.tolist(), strict=True):
+        whole += f'header: \n  stamp: \n    secs: {stamp // 10**9}\n    nsecs: {stamp % 10**9}\n  frame_id: "imu"\n'
+        whole += "orientation: \n  x: 0.0\n  y: 0.0\n  z: 0.0\n  w: 1.0\norientation_covariance: [0.0, 0.0]\n"
+        whole += "angular_velocity: \n" + "".join(f"  {a}: {v}\n" for a, v in zip("xyz", rate, strict=True))
+        whole += "linear_acceleration: \n  x: 0.0\n  y: 0.0\n  z: 9.8\n---\n"
+    path = folder / "imu.txt"
+    path.write_text(whole)
+    return path
+
+
+def mujoco(folder: Path) -> Path:
+    path = folder / "rollout.npz"
+    np.savez(path, time=TIME, qpos=np.column_stack([PLACE, WXYZ]), qvel=np.column_stack([PLACE, WRONG_RATES]))
+    return path
+
+
+def simulink_structure(folder: Path) -> Path:
+    from scipy.io import savemat
+
+    signals = {"values": RATES, "dimensions": 3.0, "label": ""}
+    savemat(folder / "out.mat", {"omega": {"time": TIME[:, None], "signals": signals}})
+    return folder / "out.mat"
+
+
+def apdm(folder: Path) -> Path:
+    h5py = pytest.importorskip("h5py")
+    path = folder / "opal.h5"
+    with h5py.File(path, "w") as file:
+        group = file.create_group("Sensors/1234")
+        group["Time"] = np.array([1_577_836_800_000_000 + 20_000 * k for k in range(COUNT)], dtype=np.uint64)
+        group["Gyroscope"] = RATES
+        group["Gyroscope"].attrs["Units"] = "rad/s"
+    return path
+
+
+GYROFLOW = "GYROFLOW IMU LOG\nversion,1.3\norientation,YxZ\ntscale,0.001\ngscale,0.0001\nascale,0.0005\nt,gx,gy,gz,ax,ay,az"
+BLACKBOX = '"Product","Blackbox flight data recorder by Nicholas Sherlock"\n"gyroScale",1.7453292519943295e-8\n"looptime",125\n'
+BLACKBOX += '"loopIteration","time","axisP[0]","gyroADC[0]","gyroADC[1]","gyroADC[2]","motor[0]"'
+SIMULINK = "time,omega:1(1),omega:1(2),omega:1(3)\n,Type: double,Type: double,Type: double\n,Unit: deg/s,Unit: deg/s,Unit: deg/s\n"
+SIMULINK += ",BlockPath: m/a,BlockPath: m/b,BlockPath: m/c"
+ODOMETRY = "timestamp,timestamp_sample,position[0],position[1],position[2],q[0],q[1],q[2],q[3]"
+ODOMETRY += ",angular_velocity[0],angular_velocity[1],angular_velocity[2]"
+PYBULLET = "stepCount,timeStamp,objectId,posX,posY,posZ,oriX,oriY,oriZ,oriW,omegaX,omegaY,omegaZ"
+STATES = ",".join(
+    ["time", "field.name0", "field.name1"]
+    + [
+        f"field.pose{k}.{part}"
+        for k in (0, 1)
+        for part in (*(f"position.{a}" for a in "xyz"), *(f"orientation.{a}" for a in "xyzw"))
+    ]
+    + [f"field.twist1.angular.{a}" for a in "xyz"]
+)
+SECONDS = [f"{t:g} sec" for t in TIME]
+MILLISECONDS = (12000 + 1000 * TIME).round().astype(int)
+STILL = [0, 0, 0, 0, 0, 0, 1]
+
+AS_IT_IS: dict[str, Callable[[Path], Path]] = {
+    "KITTI's poses and times": kitti,
+    "one segment of Xsens MVN": mvnx,
+    "attitudes of CCSDS in XML": aem_xml,
+    "text of rostopic echo": echoed,
+    "state of MuJoCo": mujoco,
+    "structure with time of Simulink": simulink_structure,
+    "unit in an attribute of HDF5": apdm,
+    "Gyroflow": table("v.gcsv", GYROFLOW, 1000 * TIME, RATES / COUNTS, 0, 0, 0),
+    "Blackbox Explorer": table("b.csv", BLACKBOX, range(COUNT), STAMPS_US, 0, DEGREES, 48),
+    "Simulation Data Inspector": table("s.csv", SIMULINK, TIME, DEGREES),
+    "HIGHRES_IMU of MAVLink": table(
+        "h.csv", "time_usec,xgyro,ygyro,zgyro,abs_pressure", STAMPS_US, RATES, 1013
+    ),
+    "SCALED_IMU of MAVLink": table("i.csv", "time_boot_ms,xgyro,ygyro,zgyro", MILLISECONDS, 1e3 * RATES),
+    "Trick": table(
+        "t.csv",
+        "sys.exec.out.time {s},dyn.w.omega[0] {rad/s},dyn.w.omega[1] {rad/s},dyn.w.omega[2] {rad/s}",
+        TIME,
+        RATES,
+    ),
+    "pose of a Crazyflie": table(
+        "c.csv",
+        "Timestamp," + ",".join(f"stateEstimate.{n}" for n in ("x", "y", "z", "qx", "qy", "qz", "qw")),
+        MILLISECONDS,
+        POSES,
+    ),
+    "gyro of a Crazyflie": table(
+        "g.csv", "Timestamp,gyro.x,gyro.y,gyro.z,stabilizer.roll", MILLISECONDS, DEGREES, 1
+    ),
+    "odometry of PX4": table("o.csv", ODOMETRY, STAMPS_US, STAMPS_US, PLACE, WXYZ, WRONG_RATES),
+    "state of Drake": table(
+        "d.csv",
+        "time,box_qw,box_qx,box_qy,box_qz,box_x,box_y,box_z,box_wx,box_wy,box_wz",
+        TIME,
+        WXYZ,
+        PLACE,
+        WRONG_RATES,
+    ),
+    "PyBullet": table("p.csv", PYBULLET, range(COUNT), TIME, 1, POSES, WRONG_RATES),
+    "Unity": table("u.csv", "Time,PosX,PosY,PosZ,RotX,RotY,RotZ,RotW", TIME, POSES),
+    "durations of MATLAB": table("w.csv", "Time,wx,wy,wz", SECONDS, *(RATES.astype(str).T)),
+    "Vernier": table(
+        "v.csv",
+        "Data Set 1:Time(s)," + ",".join(f"Data Set 1:{a}-axis gyro 1(rad/s)" for a in "XYZ"),
+        TIME,
+        RATES,
+    ),
+    "a clock of nanoseconds that might be a date": table(
+        "e.csv",
+        "time,field.pose.position.x,field.pose.position.y,field.pose.position.z,"
+        + ",".join(f"field.pose.orientation.{a}" for a in "xyzw"),
+        1_000_000_000 + (2e7 * np.arange(COUNT)).astype(int),
+        POSES,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", AS_IT_IS)
+def test_a_log_is_read_as_it_is(case: str, tmp_path: Path) -> None:
+    require_motion(spinfilters.load(AS_IT_IS[case](tmp_path)))
+
+
+WITH_A_HINT: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
+    "two segments": (
+        lambda folder: mvnx(folder, ("Pelvis", "Prop1")),
+        {"topic": "Prop1"},
+        "segments 'Pelvis', 'Prop1'",
+    ),
+    "states of Gazebo": (
+        table("m.csv", STATES, STAMPS_NS, "ground", "box", *STILL, POSES, WRONG_RATES),
+        {"topic": "pose1"},
+        "'field.pose0', 'field.pose1'",
+    ),
+    "Blender": (
+        table("b.csv", "frame,loc_x,loc_y,loc_z,rot_w,rot_x,rot_y,rot_z", range(COUNT), PLACE, WXYZ),
+        {"rate": 50.0},
+        "--rate",
+    ),
+    "RAW_IMU of MAVLink": (
+        table("r.csv", "time_usec,xgyro,ygyro,zgyro", STAMPS_US, RATES),
+        {"unit": "rad/s"},
+        "--unit",
+    ),
+    "counts of Betaflight": (
+        table("l.csv", BLACKBOX.replace("e-8", "e-9"), range(COUNT), STAMPS_US, 0, DEGREES, 48),
+        {"unit": "deg/s"},
+        "--unit",
+    ),
+    "SparkFun": (
+        lambda folder: text(
+            folder / "p.log",
+            "",
+            [
+                [f"Scaled. Acc (mg) [ 1, 2, 1000 ], Gyr (DPS) [ {', '.join(map(str, r))} ], Tmp (C) [ 25 ]"]
+                for r in DEGREES
+            ],
+        ),
+        {"rate": 50.0},
+        "--rate",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WITH_A_HINT)
+def test_what_a_log_leaves_open_is_asked_for(case: str, tmp_path: Path) -> None:
+    make, hint, asked = WITH_A_HINT[case]
+    with pytest.raises(InputError, match=asked):
+        spinfilters.load(make(tmp_path))
+    require_motion(spinfilters.load(make(tmp_path), **hint))
+
+
+def opaque(folder: Path) -> Path:
+    """A variable of the class of objects, as MATLAB keeps timetables."""
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    body = np.array([6, 8, 17, 0], "<u4").tobytes() + b"\x01\x00\x02\x00tt\x00\x00"
+    (folder / "tt.mat").write_bytes(head + np.array([14, len(body)], "<u4").tobytes() + body)
+    return folder / "tt.mat"
+
+
+def entities(folder: Path) -> Path:
+    (folder / "e.mvnx").write_text('<!DOCTYPE a [<!ENTITY b "c">]><mvnx>&b;</mvnx>')
+    return folder / "e.mvnx"
+
+
+def other_times(folder: Path) -> Path:
+    path = kitti(folder)
+    (folder / "sequences" / "00" / "times.txt").write_text("0\n1\n")
+    return path
+
+
+REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "a timetable": (opaque, "writetimetable"),
+    "XML with entities": (entities, "document type"),
+    "times of another sequence": (other_times, "2 times for 40 poses"),
+    "left-handed axes": (
+        table("v.gcsv", GYROFLOW.replace("YxZ", "YXZ"), MILLISECONDS, RATES, 0, 0, 0),
+        "right-handed",
+    ),
+    "a factor that is none": (
+        table("v.gcsv", GYROFLOW.replace("gscale,0.0001", "gscale,none"), MILLISECONDS, RATES, 0, 0, 0),
+        "gscale is 'none'",
+    ),
+    "rates in axes of the inertial frame": (
+        table("n.csv", "t_s,omega_BN_N_x,omega_BN_N_y,omega_BN_N_z", TIME, RATES),
+        "no body rate",
+    ),
+    "a body that is not there": (table("d.csv", "time,box_qw,box_qx,box_qy,box_qz", TIME, WXYZ), "'box'"),
+    "a message without a stamp": (
+        table("e.txt", "header: \n  seq: 1\n---", range(COUNT)),
+        "no column is a clock",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_would_be_read_wrongly_is_refused(case: str, tmp_path: Path) -> None:
+    make, cure = REFUSED[case]
+    topic = "arm" if case == "a body that is not there" else None
+    with pytest.raises(InputError, match=cure) as refusal:
+        spinfilters.load(make(tmp_path), topic=topic)
+    assert len(str(refusal.value).splitlines()) == 1
