@@ -9,8 +9,8 @@ stated deviations, the largest error of these, and the mean square of the rate's
 
 A second table is of the smoother's rates as always: the share within the central 50, 80 and 95 %, a test whether ranks of the first
 component are uniform (Kolmogorov, Smirnov), and the continuous ranked probability score over the deviation with white errors. It is
-given for the stated Gaussian, and for a mixture: Gaussians of the deviations with white errors and with each explanation by lasting
-ones, at its probability and over what is not known of its levels.
+given for the stated Gaussian, and for the mixture whose quantiles are the stated intervals: Gaussians of the deviations with white
+errors and with each explanation by lasting ones, at its probability and over what is not known of its levels.
 """
 
 import argparse
@@ -21,27 +21,21 @@ from typing import Final
 from unittest.mock import patch
 
 import numpy as np
-from jaxtyping import Float
-from scipy.special import ndtr
-from scipy.stats import kstest, norm
+from scipy.stats import kstest
 
 from experiments.command_line import Row, rows_of_seeds, run_study
 from experiments.sealed_trial import ESTIMATORS, compared, drawn, with_lasting_errors
-from spinfilters.campaigns.calibration_draws import calibration_draw
+from spinfilters.campaigns.calibration_draws import StatedComponent, calibration_draw, stated_components
 from spinfilters.inference.smoother_run import NAME as SMOOTHER
 from spinfilters.models.status import RATE
 from spinfilters.simulation.scenario import without_noise
 from spinfilters.verdict import model_tests
-from spinfilters.verdict.model_errors.correlated_errors import CorrelatedErrors
 from spinfilters.verdict.tested_models import NO_CORRELATION
 
 RECORDINGS: Final = {"white errors": drawn, "errors that last": with_lasting_errors}
 VERDICTS: Final = ("as always", "all errors taken for white")
 LEVELS: Final = (0.5, 0.8, 0.95)
 """Probabilities of central intervals."""
-NODES: Final = np.sqrt(3.0) * np.array([-1, 0, 1])
-NODE_WEIGHTS: Final = np.array([1, 4, 1]) / 6
-"""Of a Gaussian: Gauss and Hermite's rule of three points, for what is not known of a logarithm of variance."""
 
 
 def rows_of_seed(seed: int) -> Iterator[Row]:
@@ -54,10 +48,9 @@ def rows_of_seed(seed: int) -> Iterator[Row]:
                 comparison = compared(dataset)
             if comparison is None:
                 continue
-            explanations = comparison.models.correlated.explanations
             for evaluation in comparison.evaluations:
-                draw, at = calibration_draw(evaluation, seed), evaluation.history.layout.slice("w")
-                squares = [(error / std) ** 2 for error, std, _ in draw.quantities[RATE]]
+                draw, rates = calibration_draw(evaluation, seed), stated_components(evaluation)[RATE]
+                squares = [(each.error / each.std) ** 2 for each in rates]
                 yield {
                     "recording": recording,
                     "verdict": verdict,
@@ -68,37 +61,10 @@ def rows_of_seed(seed: int) -> Iterator[Row]:
                     "worst": draw.worst,
                     "square": float(np.mean(squares)),
                     "rate": [
-                        [error, std, *map(list, mixture_of(std, explanations, at.start + k))]
-                        for k, (error, std, _) in enumerate(draw.quantities[RATE])
+                        [each.error, each.std, each.weights.tolist(), each.deviations.tolist()]
+                        for each in rates
                     ],
                 }
-
-
-def mixture_of(
-    std: float, explanations: Sequence[CorrelatedErrors], component: int
-) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-    """Weights and deviations of Gaussians about an estimate: errors white, and as in each explanation.
-
-    What else is in the stated deviation, of the calibration, is in each of them.
-    """
-    if not explanations:
-        return np.ones(1), np.array([std])
-    white, _, widened = explanations[0].last_variances[:, component]
-    rest = max(std**2 - widened, 0.0)
-    odds = [each.probability / (1 - each.probability) for each in explanations]
-    weights, variances = [np.ones(1)], [np.array([white])]
-    for each, own in zip(explanations, odds, strict=True):
-        weights.append(own * NODE_WEIGHTS)
-        variances.append(each.last_variances[1, component] * np.exp(each.rise * NODES))
-    every = np.concatenate(weights)
-    return every / every.sum(), np.sqrt(rest + np.concatenate(variances))
-
-
-def score(error: float, weights: Float[np.ndarray, " c"], std: Float[np.ndarray, " c"]) -> float:
-    """Continuous ranked probability score of Gaussians about zero at an error: E |x - error| - E |x - x'| / 2."""
-    away = error * (2 * norm.cdf(error / std) - 1) + 2 * std * norm.pdf(error / std)
-    apart = np.hypot(std[:, np.newaxis], std) * np.sqrt(2 / np.pi)
-    return float(weights @ away - 0.5 * weights @ apart @ weights)
 
 
 def mixture_cells(rows: Sequence[Row], is_mixture: bool) -> str:
@@ -107,8 +73,9 @@ def mixture_cells(rows: Sequence[Row], is_mixture: bool) -> str:
     for row in rows:
         for error, std, weights, deviations in row["rate"]:
             own = (np.array(weights), np.array(deviations)) if is_mixture else (np.ones(1), np.array([std]))
-            ranks.append(float(own[0] @ ndtr(-error / own[1])))
-            scores.append(score(error, *own) / deviations[0])
+            stated = StatedComponent(error, std, *own)
+            ranks.append(stated.triple[2])
+            scores.append(stated.scores[0] / deviations[0])
     every = np.array(ranks)
     within = (f"{np.mean(np.abs(2 * every - 1) < level):.0%}" for level in LEVELS)
     p_value = kstest(every[::3], "uniform").pvalue

@@ -42,8 +42,9 @@ from spinfilters.smoother.mass_posterior import (
     NO_POINTS,
     ConditionalMotion,
     MassSampler,
+    log_volumes,
 )
-from spinfilters.smoother.mass_surrogate import SurrogatePosterior, log_volumes
+from spinfilters.smoother.mass_surrogate import SurrogatePosterior
 from spinfilters.smoother.posterior import SamplingOptions, sample_posterior
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Problem, Stage

@@ -27,7 +27,7 @@ from experiments.command_line import Row, rows_of_seeds, run_study
 from experiments.named_causes import drawn as drawn_cause
 from experiments.named_causes import recorded
 from experiments.other_simulators import brick_recording, drake_recording, mujoco_recording
-from spinfilters.campaigns.calibration_draws import LEVELS, CalibrationDraw, calibration_draw, drawn_scenario
+from spinfilters.campaigns.calibration_draws import CalibrationDraw, calibration_draw, drawn_scenario
 from spinfilters.campaigns.statistics import share
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.recording_bound import without_bounds
@@ -45,6 +45,8 @@ from spinfilters.simulation.scenario import Scenario, simulate, without_map, wit
 ESTIMATORS: Final = ("mekf", "smoother")
 FIRST_SEED: Final = 6_000_000
 """Of the trial; seeds up to here were used in the making of the estimators and in former trials."""
+OWN_PRIOR: Final = ("gyro", "pose", "stereo-tracks")
+"""Kinds whose scenarios are drawn from their own prior; all others have that of poses."""
 MOST_OF_FAMILY: Final = 10_000
 """Recordings, so that each family has seeds of its own."""
 DIGITS: Final = 6
@@ -111,7 +113,7 @@ def families(brick: Path | None) -> list[Family]:
 
     def of_other(program: Callable[[Scenario], Dataset], kind: str) -> Callable[[int], Dataset]:
         def make(seed: int) -> Dataset:
-            scenario = drawn_scenario(kind, seed) if kind in LEVELS else drawn_scenario("pose", seed)
+            scenario = drawn_scenario(kind, seed) if kind in OWN_PRIOR else drawn_scenario("pose", seed)
             return without_noise(without_map(program(replace(scenario, kind=kind))))
 
         return make

@@ -65,7 +65,7 @@ from spinfilters.run.readers import dataset_readers
 from spinfilters.run.reference_output import chosen_reference
 from spinfilters.run.rerun_file import write_rrd
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
-from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
+from spinfilters.run.run_summary import SUMMARY_FILE, interval_document, read_summary, summary
 from spinfilters.settings.run_settings import Settings, names_in, read_settings
 
 if TYPE_CHECKING:
@@ -142,6 +142,16 @@ class EstimatorResult:
         ``principal_axes_std`` (3,) rad, ``center_of_mass_std`` (3,) m. NaN where the estimator failed.
         """
         return self.evaluation.body
+
+    @property
+    def intervals(self) -> dict[str, dict[str, list[float | None]]] | None:
+        """Central intervals after the last epoch where standard deviations are too wide in the middle; None elsewhere.
+
+        If errors of the measurements may be correlated, a standard deviation covers them at four times its size. The intervals are
+        quantiles of both explanations. Half widths about the estimate for each component, by quantity ("rate_rad_s",
+        "principal_moments" and more) and per cent ("50", "80", "95"), as in ``summary.json``.
+        """
+        return interval_document(self.evaluation)
 
     @cached_property
     def trajectory(self) -> Trajectory:

@@ -21,6 +21,8 @@ DRAWS_FILE: Final = "draws.jsonl"
 LARGEST_FILE: Final = 1 << 30
 """Bytes of draws that are read: a hundred thousand draws of two estimators are a third of it."""
 COMPONENT_COUNTS: Final = {MOMENTS: 4, AXES: 3, RATE: 3, CENTRE: 3}
+ADDED_LATER: Final = frozenset({"scores", "mixture_nees"})
+"""Entries of a draw that lines of earlier versions lack."""
 _ORIGIN: Final = ("sensor", "noise")
 """Keys of a line that say what its draw is of; lines of earlier versions lack them."""
 
@@ -145,24 +147,29 @@ def _holds_draw(line: Any) -> bool:
 
 def _is_draw(document: Any) -> bool:
     """Whether it has the entries of a draw, each of its type, and of each quantity all components."""
-    if not isinstance(document, dict) or set(document) != {each.name for each in fields(CalibrationDraw)}:
+    names = {each.name for each in fields(CalibrationDraw)}
+    if not isinstance(document, dict) or not names - ADDED_LATER <= set(document) <= names:
         return False
-    quantities, nees = document["quantities"], document["nees"]
+    quantities, nees, scores = document["quantities"], document["nees"], document.get("scores", {})
+    by_mixture = document.get("mixture_nees", {})
     return (
         isinstance(document["estimator"], str)
         and document["verdict"] in list(Verdict)
         and isinstance(document["determined"], bool)
         and _are_numbers([document["worst"]], 1)
         and isinstance(quantities, dict)
-        and all(_are_components(quantities[name], COMPONENT_COUNTS.get(name)) for name in quantities)
-        and isinstance(nees, dict)
-        and _are_numbers(list(nees.values()), len(nees))
+        and all(_are_components(quantities[name], COMPONENT_COUNTS.get(name), 3) for name in quantities)
+        and isinstance(scores, dict)
+        and set(scores) <= set(quantities)
+        and all(_are_components(scores[name], COMPONENT_COUNTS.get(name), 2) for name in scores)
+        and all(isinstance(each, dict) for each in (nees, by_mixture))
+        and all(_are_numbers(list(each.values()), len(each)) for each in (nees, by_mixture))
     )
 
 
-def _are_components(value: Any, count: int | None) -> bool:
-    """Whether it is so many triples of error, deviation and rank."""
-    return isinstance(value, list) and len(value) == count and all(_are_numbers(each, 3) for each in value)
+def _are_components(value: Any, count: int | None, size: int) -> bool:
+    """Whether it has so many components, each of so many numbers."""
+    return isinstance(value, list) and len(value) == count and all(_are_numbers(each, size) for each in value)
 
 
 def _are_numbers(value: Any, count: int) -> bool:
@@ -178,4 +185,8 @@ def _draw(document: dict[str, Any]) -> CalibrationDraw:
         name: [(error, std, rank) for error, std, rank in components]
         for name, components in document["quantities"].items()
     }
-    return CalibrationDraw(**{**document, "quantities": quantities})
+    scores = {
+        name: [(crps, log_score) for crps, log_score in components]
+        for name, components in document.get("scores", {}).items()
+    }
+    return CalibrationDraw(**{**document, "quantities": quantities, "scores": scores})

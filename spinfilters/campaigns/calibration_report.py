@@ -18,6 +18,7 @@ from spinfilters.campaigns.calibration_statistics import (
     LEVELS,
     ComponentCalibration,
     VerdictRates,
+    nees_calibration,
     quantity_calibration,
     rank_band,
     verdict_rates,
@@ -97,14 +98,25 @@ def write_report(
         every = quantity_calibration(own, lambda draw: True)
         given_ok = quantity_calibration(own, lambda draw: draw.is_ok)
         rates = verdict_rates(own)
+        squares = {
+            "all": nees_calibration(own, lambda draw: True),
+            "ok": nees_calibration(own, lambda draw: draw.is_ok),
+        }
         document["estimators"][name] = {
             "draws": len(own),
             "verdict": {key: _interval(value) for key, value in vars(rates).items()},
             "all": _document(every),
             "ok": _document(given_ok),
+            "nees": {
+                group: {
+                    block: {kind: _interval(each) for kind, each in kinds.items()}
+                    for block, kinds in of.items()
+                }
+                for group, of in squares.items()
+            },
         }
         title = f"{name}, {len(own)} draws" if len(own) == asked else f"{name}, {len(own)} of {asked} draws"
-        lines += _page(title, every, given_ok, rates)
+        lines += _page(title, every, given_ok, rates) + _nees_lines(squares)
         picture = folder / f"ranks-{name}.png"
         save_figure(rank_figure(title, {"all draws": every, "given ok": given_ok}, own), picture)
         pictures.append(picture)
@@ -229,8 +241,9 @@ def _page(
             continue
         heads = [f"{100 * level:g} %" for level in LEVELS]
         lines += [
-            f"| {group} | rank test p | in band | {' | '.join(heads)} | mean square | inclination [dB] | CRPS | log score |",
-            f"|{'---|' * (7 + len(LEVELS))}",
+            f"| {group} | rank test p | in band | {' | '.join(heads)} | mean square of ranks | of errors | inclination [dB] | "
+            "CRPS | of Gaussians | log score |",
+            f"|{'---|' * (9 + len(LEVELS))}",
         ]
         for quantity, components in found.items():
             for label, each in zip(COMPONENTS[quantity], components, strict=True):
@@ -239,14 +252,40 @@ def _page(
                     f"{each.probability:.2g}{' (!)' if each.probability < SIGNIFICANT else ''}",
                     "yes" if each.inside else "no",
                     *(f"{100 * c.value:.1f} [{100 * c.low:.0f}, {100 * c.high:.0f}]" for c in each.coverage),
-                    f"{each.squares.value:.2f} [{each.squares.low:.2f}, {each.squares.high:.2f}]",
+                    *(
+                        f"{c.value:.2f} [{c.low:.2f}, {c.high:.2f}]"
+                        for c in (each.normal_squares, each.squares)
+                    ),
                     f"{each.inclination:+.1f}",
                     f"{each.crps.value:.3g}",
+                    f"{each.gaussian_crps.value:.3g}",
                     f"{each.log_score.value:.2f}",
                 ]
                 lines.append(f"| {' | '.join(cells)} |")
         lines.append("")
     return lines
+
+
+BLOCKS: Final = {"w": "rate", "s": "mass distribution", "c": "centre of mass"}
+"""Names of the blocks whose NEES is kept."""
+
+
+def _nees_lines(squares: Mapping[str, Mapping[str, Mapping[str, Interval]]]) -> list[str]:
+    """Table of the NEES by block."""
+    rows = [
+        f"| {BLOCKS.get(block, block)} | {group} | "
+        + " | ".join(
+            f"{kinds[kind].value:.2f} [{kinds[kind].low:.2f}, {kinds[kind].high:.2f}]" for kind in kinds
+        )
+        + " |"
+        for group, of in squares.items()
+        for block, kinds in of.items()
+    ]
+    head = [
+        "| NEES per dof | draws | of stated covariances | of what is stated, mixtures too |",
+        "|---|---|---|---|",
+    ]
+    return [*head, *rows, ""] if rows else []
 
 
 def _share(interval: Interval) -> str:
@@ -271,8 +310,10 @@ def _document(found: Mapping[str, Sequence[ComponentCalibration]]) -> dict[str, 
                 },
                 "bias": _interval(each.bias),
                 "mean_square": _interval(each.squares),
+                "rank_mean_square": _interval(each.normal_squares),
                 "inclination_db": each.inclination,
                 "crps": _interval(each.crps),
+                "gaussian_crps": _interval(each.gaussian_crps),
                 "log_score": _interval(each.log_score),
             }
             for label, each in zip(COMPONENTS[quantity], components, strict=True)

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 from scipy.stats import binom
 
 from spinfilters.campaigns.calibration_draws import CalibrationDraw
@@ -23,6 +23,10 @@ POINTS: Final = 50
 """Of the distribution of ranks, evenly spread."""
 SIMULATIONS: Final = 4000
 """Of uniform ranks."""
+FEWEST_DRAWS: Final = 10
+"""Of which statistics are made."""
+SMALLEST_RANK: Final = 1e-15
+"""A rank nearer to 0 or 1 counts as this."""
 LEVELS: Final = (0.5, 0.8, 0.95, 0.99, 0.9999)
 """Of central intervals whose coverage is counted."""
 
@@ -63,8 +67,12 @@ class ComponentCalibration:
         Share of truths within the central intervals of `LEVELS`, each with its interval of 95 %.
     bias, squares : Interval
         Mean of errors in deviations, and of their squares: 0 and 1 of a right posterior.
+    normal_squares : Interval
+        Mean square of ranks as normal numbers: 1 if what is stated is right, also where that is no Gaussian.
     crps, log_score : Interval
         Mean continuous ranked probability score in the unit of the quantity, and mean negative log density; less is better.
+    gaussian_crps : Interval
+        The former of Gaussians of the stated deviations.
     inclination : float
         10 log10 of the mean square, dB: above zero deviations are too small, below too large.
     """
@@ -75,8 +83,10 @@ class ComponentCalibration:
     coverage: tuple[Interval, ...]
     bias: Interval
     squares: Interval
+    normal_squares: Interval
     crps: Interval
     log_score: Interval
+    gaussian_crps: Interval
     inclination: float
 
 
@@ -92,11 +102,23 @@ def rank_band(count: int, probability: float = 0.95) -> RankBand:
     return RankBand(at, low, high, worst)
 
 
-def component_calibration(triples: Sequence[tuple[float, float, float]]) -> ComponentCalibration:
-    """Calibration of one component from errors, deviations and ranks of its draws; those that are not finite are left out."""
+def component_calibration(
+    triples: Sequence[tuple[float, float, float]], scores: Sequence[tuple[float, float]] | None = None
+) -> ComponentCalibration:
+    """Calibration of one component from errors, deviations and ranks of its draws; those that are not finite are left out.
+
+    Parameters
+    ----------
+    scores : sequence or None
+        CRPS and negative log density of each draw; None for those of Gaussians.
+    """
     every = np.array(triples, dtype=float).reshape(-1, 3)
+    if scores is None:
+        with np.errstate(all="ignore"):
+            scores = gaussian_scores(every[:, 0], every[:, 1])
+    every = np.concatenate([every, np.array(scores, dtype=float).reshape(-1, 2)], axis=1)
     every = every[np.isfinite(every).all(axis=1) & (every[:, 1] > 0)]
-    error, std, ranks = every.T
+    error, std, ranks, crps, log_score = every.T
     z, count = error / std, len(every)
     band = rank_band(count)
     below = _counts(ranks[np.newaxis], band.at)
@@ -113,8 +135,10 @@ def component_calibration(triples: Sequence[tuple[float, float, float]]) -> Comp
         tuple(share(int((central <= level).sum()), count) for level in LEVELS),
         mean(z),
         mean(z**2),
+        mean(ndtri(np.clip(ranks, SMALLEST_RANK, 1 - SMALLEST_RANK)) ** 2),
+        mean(crps),
+        mean(log_score),
         mean(gaussian_crps(error, std)),
-        mean(0.5 * z**2 + np.log(std) + 0.5 * np.log(2 * np.pi)),
         10 * float(np.log10(np.mean(z**2))),
     )
 
@@ -126,6 +150,14 @@ def gaussian_crps(error: Float[np.ndarray, " n"], std: Float[np.ndarray, " n"]) 
     return std * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi))
 
 
+def gaussian_scores(
+    error: Float[np.ndarray, " n"], std: Float[np.ndarray, " n"]
+) -> list[tuple[float, float]]:
+    """CRPS and negative log density of Gaussians."""
+    logs = 0.5 * (error / std) ** 2 + np.log(std) + 0.5 * np.log(2 * np.pi)
+    return list(zip(gaussian_crps(error, std).tolist(), logs.tolist(), strict=True))
+
+
 def quantity_calibration(
     draws: Sequence[CalibrationDraw], chosen: Callable[[CalibrationDraw], bool]
 ) -> dict[str, list[ComponentCalibration]]:
@@ -134,10 +166,39 @@ def quantity_calibration(
     names = dict.fromkeys(name for draw in own for name in draw.quantities)
     found: dict[str, list[ComponentCalibration]] = {}
     for name in names:
-        held = [draw.quantities[name] for draw in own if name in draw.quantities]
-        if len(held) >= 10:
-            columns = zip(*held, strict=True)
-            found[name] = [component_calibration(column) for column in columns]
+        held = [draw for draw in own if name in draw.quantities]
+        if len(held) >= FEWEST_DRAWS:
+            columns = zip(*(draw.quantities[name] for draw in held), strict=True)
+            scores = zip(*(_scores(draw, name) for draw in held), strict=True)
+            found[name] = [component_calibration(*each) for each in zip(columns, scores, strict=True)]
+    return found
+
+
+def _scores(draw: CalibrationDraw, name: str) -> list[tuple[float, float]]:
+    """Scores of a quantity's components; of a draw without, which an earlier version made, those of Gaussians."""
+    if name in draw.scores:
+        return draw.scores[name]
+    error, std, _ = np.array(draw.quantities[name]).T
+    with np.errstate(all="ignore"):
+        return gaussian_scores(error, std)
+
+
+def nees_calibration(
+    draws: Sequence[CalibrationDraw], chosen: Callable[[CalibrationDraw], bool]
+) -> dict[str, dict[str, Interval]]:
+    """Mean NEES per degree of freedom by block over the draws that are chosen, by stated covariances and by what is stated.
+
+    "stated" is by the covariances alone, "mixture" by the mixtures where there are any; none of fewer than ten draws.
+    """
+    own = [draw for draw in draws if chosen(draw)]
+    found: dict[str, dict[str, Interval]] = {}
+    for name in dict.fromkeys(name for draw in own for name in draw.nees):
+        held = [draw for draw in own if name in draw.nees]
+        if len(held) >= FEWEST_DRAWS:
+            found[name] = {
+                "stated": mean(np.array([draw.nees[name] for draw in held])),
+                "mixture": mean(np.array([draw.mixture_nees.get(name, draw.nees[name]) for draw in held])),
+            }
     return found
 
 

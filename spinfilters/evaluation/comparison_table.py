@@ -24,6 +24,10 @@ PARTS_CAPTION: Final = (
     "the table [calibration] of the settings."
 )
 
+INTERVAL_CAPTION: Final = (
+    "within ±: errors of the measurements may be correlated, so that a standard deviation covers two explanations and is too wide "
+    "in the middle. These central intervals, by component, are quantiles of both."
+)
 
 BOUND_COLUMN = "BOUND"
 BOUND_CAPTION = (
@@ -84,6 +88,7 @@ def comparison_cells(evaluations: Sequence[Evaluation], conditions: Sequence[str
             *epoch_sentences(evaluations),
             *([BOUND_CAPTION] if bounded else missing[:1]),
             *([PARTS_CAPTION] if any(e.history.calibration is not None for e in evaluations) else []),
+            *([INTERVAL_CAPTION] if any(e.history.mixture is not None for e in evaluations) else []),
         ),
     )
 

@@ -37,6 +37,7 @@ from spinfilters.io.truth import Truth
 from spinfilters.models.body import BodyEstimate, BodyHistory, body_estimate
 from spinfilters.models.state_blocks import BLOCKS, ReportedConstant, StateBlock
 from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.state_mixture import central_half_widths
 from spinfilters.models.status import EstimatorStatus
 
 REPORTED: Final[Mapping[str, ReportedConstant]] = {
@@ -112,6 +113,37 @@ def deviation_parts(history: EstimateHistory) -> dict[str, DeviationPart]:
         random = np.minimum(chance[name], std)
         found[name] = DeviationPart(random, np.sqrt(std**2 - random**2))
     return found
+
+
+INTERVAL_LEVELS: Final = (0.5, 0.8, 0.95)
+"""Probabilities of stated intervals."""
+OF_MASS: Final = ("principal_moments", "k1", "k2")
+"""Quantities that samples of the mass distribution give, where there are any."""
+
+
+def stated_intervals(history: EstimateHistory) -> dict[str, Float[np.ndarray, "p q"]] | None:
+    """Half widths of central intervals about the estimate after the last epoch, by quantity as `deviation_parts`.
+
+    Where errors of the measurements may be correlated, one deviation covers several explanations at four of it, and is too wide in
+    the middle. These are quantiles of the mixture of them.
+
+    Returns
+    -------
+    dict or None
+        Rows at `INTERVAL_LEVELS`; None where one Gaussian says it. Moments that were sampled are left out
+        (`BodyEstimate.principal_moments_interval`).
+    """
+    mixture = history.mixture
+    if mixture is None or history.has_failed:
+        return None
+    last, levels = history_at(history, np.array([-1])), np.array(INTERVAL_LEVELS)
+    components = [_deviations(replace(last, factor=factor[np.newaxis])) for factor in mixture.factors]
+    sampled = () if history.mass is None else OF_MASS
+    return {
+        name: central_half_widths(levels, np.array([each[name] for each in components]), mixture.weights)
+        for name in components[0]
+        if name not in sampled
+    }
 
 
 def _deviations(last: EstimateHistory) -> Deviations:
@@ -303,6 +335,11 @@ class Evaluation:
         """Standard deviations after the last epoch in parts, by quantity."""
         return deviation_parts(self.history)
 
+    @cached_property
+    def intervals(self) -> dict[str, Float[np.ndarray, "p q"]] | None:
+        """Half widths of central intervals after the last epoch (`stated_intervals`)."""
+        return stated_intervals(self.history)
+
     @property
     def random_trajectory(self) -> Trajectory | None:
         """The motion with the random part of its deviations alone; None where the calibration adds nothing."""
@@ -320,7 +357,7 @@ class Evaluation:
     def with_fields(self, **changes: Any) -> "Evaluation":
         """This evaluation with other errors; what was derived stays."""
         changed = replace(self, **changes)
-        for name in ("body", "constants", "deviation_parts"):
+        for name in ("body", "constants", "deviation_parts", "intervals"):
             if name in self.__dict__:
                 changed.__dict__[name] = self.__dict__[name]
         return changed
@@ -443,7 +480,7 @@ def _describe_estimate(history: EstimateHistory) -> tuple[Evaluation, Trajectory
     except NUMERICAL_ERRORS as error:
         status = history.status.failed(f"the estimate could not be evaluated ({reason(numerical(error))})")
         mean, factor = np.full_like(history.mean, np.nan), np.full_like(history.factor, np.nan)
-        lost = replace(history, mean=mean, factor=factor, status=status, calibration=None)
+        lost = replace(history, mean=mean, factor=factor, status=status, calibration=None, mixture=None)
         return Evaluation(lost), trajectory_of(lost)
 
 

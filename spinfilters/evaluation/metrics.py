@@ -287,11 +287,13 @@ def _moment_metrics(index: int, name: str) -> tuple[Metric, ...]:
     pair = lambda span: span.evaluation.moment_texts[index].split(" ± ")  # noqa: E731
     parts = _parts("principal_moments", lambda std: std[index])
     std, place = _body(lambda body: body.principal_moments_std[index]), index + 1
+    within = _within("principal_moments", lambda half_widths: half_widths[:, index])
     # fmt: off
     return (
         Metric("", name, "", lambda s: pair(s)[0], form=words, section=BODY),
         Metric("", "  standard deviation", "", lambda s: pair(s)[-1], form=words, section=BODY),
         Metric("", "    random / calibration", "", parts, form=number(".2g", " / "), section=BODY),
+        Metric("", "  50 / 80 / 95 % within ±", "", within, form=number(".2g", " / "), section=BODY),
         Metric("", "", "", std, section=BODY, column=f"std_moment_{place}"),
         Metric("", "  error", "", error, form=number("+#.2g"), bound=bound, section=BODY, column=f"error_moment_{place}"),
     )
@@ -355,6 +357,17 @@ def _parts(quantity: str, read: Callable[[np.ndarray], float]) -> ValueOf:
         evaluation = span.evaluation
         part = None if evaluation.history.calibration is None else evaluation.deviation_parts.get(quantity)
         return None if part is None else [read(part.random), read(part.calibration)]
+
+    return value
+
+
+def _within(quantity: str, read: Callable[[np.ndarray], np.ndarray]) -> ValueOf:
+    """Half widths of intervals after the last epoch; None where one Gaussian says it."""
+
+    def value(span: EpochSpan) -> Any:
+        """Of a component at all levels, or of all components at one."""
+        found = (span.evaluation.intervals or {}).get(quantity)
+        return None if found is None else read(found)
 
     return value
 
@@ -476,6 +489,10 @@ METRICS: Final[tuple[Metric, ...]] = (
     *(Metric("", f"{name}: random / calibration", unit, _parts(field, lambda std: math.hypot(*std)), scale,
              form=number(".2g", " / "), section=LATEST)
       for name, field, unit, scale in (*MOTIONS, ("centre of mass", "center_of_mass_m", "mm", 1e3))),
+
+    *(Metric("", f"{name}: 95 % within ±", unit, _within(field, lambda half_widths: half_widths[-1]), scale,
+             form=number(".2g"), section=LATEST)
+      for name, field, unit, scale in MOTIONS),
 
     # consistency of the covariance
     Metric("errors.nees_per_dof", "NEES per dof", "", _nees(lambda n: n.mean), form=number(".2f"), expected=1.0,

@@ -13,7 +13,7 @@ from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.square_root import lower_roots
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import Gaussian, StateLayout
-from spinfilters.models.state_mixture import StateMixture
+from spinfilters.models.state_mixture import ErrorMixture, StateMixture
 from spinfilters.models.status import EstimatorStatus, Verdict
 
 FEWEST_EPOCHS = 64
@@ -66,6 +66,9 @@ class EstimateHistory:
         Samples of the mass distribution after the last epoch where its posterior is not Gaussian; moments are then theirs.
     posterior : StateMixture or None
         Posterior of the last epoch, of an estimator that samples it.
+    mixture : ErrorMixture or None
+        Error after the last epoch where ``factor`` covers several explanations of the measurements, each with a covariance of
+        its own; None where one Gaussian says it.
     """
 
     name: str
@@ -86,6 +89,7 @@ class EstimateHistory:
     calibration: Float[np.ndarray, "n e c"] | None = None
     mass: MassSamples | None = None
     posterior: StateMixture | None = None
+    mixture: ErrorMixture | None = None
 
     @property
     def own(self) -> slice:
@@ -188,6 +192,31 @@ class EstimateHistory:
 
         return replace(self, factor=self._factors(wider))
 
+    def last_mixture(
+        self, relative: ErrorMixture, calibration: Float[np.ndarray, "n e c"] | None
+    ) -> ErrorMixture | None:
+        """Errors after the last epoch with covariances F R R' F' + C C', F the random factor.
+
+        Parameters
+        ----------
+        relative : ErrorMixture
+            R of each component.
+        calibration : ndarray of float, shape (n, e, c), or None
+            C of every epoch, which may be larger than what ``factor`` counts.
+
+        Returns
+        -------
+        ErrorMixture or None
+            None of a belief that is not finite.
+        """
+        if not np.isfinite(self.factor[-1]).all():
+            return None
+        rows = lower_roots(self.random_factor(slice(-1, None))) @ relative.factors
+        if calibration is not None:
+            known = np.broadcast_to(calibration[-1], (len(rows), *calibration.shape[1:]))
+            rows = np.concatenate([rows, known], axis=2)
+        return ErrorMixture(relative.weights, lower_roots(rows))
+
     def random_factor(self, rows: slice | Int[np.ndarray, " r"] = slice(None)) -> Float[np.ndarray, "r e e"]:
         """Covariance factor of some epochs without calibration errors, not triangular where there are any.
 
@@ -222,6 +251,7 @@ def history_at(history: EstimateHistory, rows: Int[np.ndarray, " k"]) -> Estimat
         **{name: _rows_of(getattr(history, name), rows) for name in EPOCH_ARRAYS},
         calibration=None,
         observations=None,
+        mixture=None,
         initialisation=0,
     )
 
@@ -362,6 +392,7 @@ class GrowingHistory:
                 noise=(),
                 mass=None,
                 posterior=None,
+                mixture=None,
                 **self.arrays(),
             )
         count = len(before["time"])
@@ -378,6 +409,7 @@ class GrowingHistory:
             noise=(),
             mass=None,
             posterior=None,
+            mixture=None,
             **arrays,
         )
 

@@ -1,4 +1,4 @@
-"""A posterior of one epoch's state that need not be Gaussian: weighted Gaussians."""
+"""Beliefs of one epoch's state that need not be Gaussian: a sampled posterior, and errors with several possible covariances."""
 
 from dataclasses import dataclass
 
@@ -44,6 +44,40 @@ class StateMixture:
     method: str
     mass_points: Float[np.ndarray, "p 5"] | None = None
     mass_weights: Float[np.ndarray, " p"] | None = None
+
+
+@dataclass(frozen=True)
+class ErrorMixture:
+    """Error of one estimate where its covariance is one of several: weighted Gaussians, all about zero.
+
+    Attributes
+    ----------
+    weights : ndarray of float, shape (c,)
+        Their sum is one.
+    factors : ndarray of float, shape (c, e, e)
+        Square roots of their covariances.
+    """
+
+    weights: Float[np.ndarray, " c"]
+    factors: Float[np.ndarray, "c e e"]
+
+
+def central_half_widths(
+    levels: Float[np.ndarray, " p"], std: Float[np.ndarray, "c q"], weights: Float[np.ndarray, " c"]
+) -> Float[np.ndarray, "p q"]:
+    """Half widths h of central intervals of scalar mixtures of Gaussians about zero: P(|x| < h) is the level.
+
+    Parameters
+    ----------
+    levels : ndarray of float, shape (p,)
+        Probabilities.
+    std : ndarray of float, shape (c, q)
+        Deviations of the components of each of q mixtures.
+    weights : ndarray of float, shape (c,)
+        The same for all.
+    """
+    nothing, upper = np.zeros(len(weights)), 0.5 * (1 + levels)
+    return np.array([mixture_quantiles(upper, nothing, column, weights) for column in std.T]).T
 
 
 def mixture_probability(

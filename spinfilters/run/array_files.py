@@ -21,6 +21,7 @@ from spinfilters.io.input_file import ignored_warnings, path_text, reason, requi
 from spinfilters.io.output_files import atomic_file
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.state_mixture import ErrorMixture
 from spinfilters.models.status import ALL, OWN_STATUS, EstimatorStatus, Finding, Holds, Verdict
 
 LARGEST_FILE = 2 << 30
@@ -129,6 +130,8 @@ INITIALISATION, OBSERVATIONS, CALIBRATION = "initialisation", "observations", "c
 """Keys that files of older versions do not have, nor `FINDINGS` and `HOLDS`, and the last not those of an exact calibration."""
 MASS_POINTS, MASS_WEIGHTS, MASS_FIT = "mass_points", "mass_weights", "mass_fit"
 """Samples of the mass distribution, their weights, and how the Gaussian belief fits them; of files with samples."""
+MIXTURE_WEIGHTS, MIXTURE_FACTORS = "mixture_weights", "mixture_factors"
+"""Several explanations of the errors after the last epoch; of files of estimates whose deviations cover them."""
 
 
 def write_history(path: Path, history: EstimateHistory) -> None:
@@ -150,6 +153,8 @@ def write_history(path: Path, history: EstimateHistory) -> None:
     if history.mass is not None:
         epochs[MASS_POINTS], epochs[MASS_WEIGHTS] = history.mass.points, history.mass.weights
         epochs[MASS_FIT] = np.array([history.mass.gaussian_shape, history.mass.gaussian_nees])
+    if history.mixture is not None:
+        epochs[MIXTURE_WEIGHTS], epochs[MIXTURE_FACTORS] = history.mixture.weights, history.mixture.factors
     write_arrays(path, {**arrays, **epochs, **words}, ZIP_DEFLATED)
 
 
@@ -175,6 +180,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
             raise ValueError("its time does not run forwards")
         initialisation, observations = _initialisation(arrays, numbers), _observations(arrays, numbers)
         calibration, mass = _calibration(arrays, numbers), _mass(arrays)
+        mixture = _mixture(arrays, numbers)
     except DAMAGED as error:
         raise unusable(path, "history of a run", error, cure) from None
     return EstimateHistory(
@@ -187,6 +193,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         calibration=calibration,
         mass=mass,
         posterior=None,
+        mixture=mixture,
         **numbers,
     )
 
@@ -295,3 +302,16 @@ def _mass(arrays: Mapping[str, np.ndarray]) -> MassSamples | None:
             f"its samples of the mass distribution are of shapes {points.shape}, {shapes[1]}, {shapes[2]}"
         )
     return MassSamples(points, weights, float(fit[0]), float(fit[1]))
+
+
+def _mixture(arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.ndarray]) -> ErrorMixture | None:
+    """Explanations of the last errors; None where the file does not hold them. Raises KeyError, ShapeError."""
+    weights = arrays.get(MIXTURE_WEIGHTS)
+    if weights is None:
+        return None
+    factors, size = arrays[MIXTURE_FACTORS], numbers["factor"].shape[1:]
+    fits = weights.ndim == 1 and factors.shape == (len(weights), *size)
+    is_sound = fits and np.isfinite(factors).all() and (weights >= 0).all() and weights.sum() > 0
+    if not is_sound:
+        raise ShapeError(f"its mixture of errors is of shapes {weights.shape}, {factors.shape}")
+    return ErrorMixture(weights / weights.sum(), factors)

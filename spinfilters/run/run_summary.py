@@ -16,7 +16,7 @@ from spinfilters.evaluation.epoch_spans import (
     shared_span,
     use_by_sensor,
 )
-from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import INTERVAL_LEVELS, Evaluation
 from spinfilters.evaluation.metrics import ERRORS, Metric, metrics
 from spinfilters.evaluation.spin_regime import spin_verdict
 from spinfilters.inference.setup import Setup
@@ -24,7 +24,7 @@ from spinfilters.io.dataset_reader import has_images
 from spinfilters.io.input_file import path_text, read_bytes, reason
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import StateLayout
-from spinfilters.run.array_files import finite_numbers
+from spinfilters.run.array_files import finite_document, finite_numbers
 from spinfilters.run.conditions import StatedNoise
 from spinfilters.run.estimation import Comparison
 
@@ -160,6 +160,18 @@ def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
         **estimator_numbers(evaluation, shared),
         "spin": None if spin is None else spin.document,
         "deviation_parts": {name: part.document for name, part in evaluation.deviation_parts.items()},
+        "intervals": interval_document(evaluation),
+    }
+
+
+def interval_document(evaluation: Evaluation) -> dict[str, dict[str, list[float | None]]] | None:
+    """Half widths by quantity and per cent, as summary.json holds them; None where one Gaussian says it."""
+    if evaluation.intervals is None:
+        return None
+    names = [f"{100 * level:g}" for level in INTERVAL_LEVELS]
+    return {
+        quantity: dict(zip(names, finite_document(half_widths.tolist()), strict=True))
+        for quantity, half_widths in evaluation.intervals.items()
     }
 
 

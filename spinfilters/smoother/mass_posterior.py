@@ -18,12 +18,11 @@ d = (l_i - l_j) / 2. Without it needles and thin discs would be likely for want 
 times over.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights, smoothed_weights
 from spinfilters.core.robust_losses import Gate, LeastSquares
@@ -217,14 +216,8 @@ class MassSampler:
             return None
         roots = [self.root(node) for node in nodes]
         share = self.shares(nodes)
-        uniform = even_points(count, 7, seed)
-        chosen = np.minimum(np.searchsorted(np.cumsum(share), uniform[:, 0]), len(nodes) - 1)
-        from scipy.special import chdtri, ndtri  # here alone: few motions need samples
-
-        tails = np.sqrt(PROPOSAL_DOF / chdtri(PROPOSAL_DOF, 1 - uniform[:, 1]))
-        steps = ndtri(uniform[:, 2:]) * tails[:, np.newaxis]
         trajectories, factors, density = [], [], []
-        for k, step in zip(chosen, steps, strict=True):
+        for k, step in zip(*even_steps(count, share, seed), strict=True):
             found = self.conditional(self.moved(nodes[k], roots[k] @ step), 1, nodes[k].points)
             if found is not None:
                 trajectories.append(found.trajectory)
@@ -235,7 +228,7 @@ class MassSampler:
         every = np.array(trajectories)
         points = every[:, 0, self._at]
         logs = np.array(density)
-        ratios = logs - self._log_proposal(points, nodes, roots, share)
+        ratios = logs - self.log_proposal(points, nodes, share)
         return MassPosterior(every, np.array(factors), points, logs, ratios, smoothed_weights(ratios))
 
     def shares(self, nodes: list[MassNode]) -> Float[np.ndarray, " c"]:
@@ -292,8 +285,10 @@ class MassSampler:
         generator, root, logs = np.random.default_rng(seed), np.linalg.cholesky(node.covariance), []
         for _ in range(count):
             z = generator.standard_normal(5)
-            found = self.conditional(self.moved(node, root @ z), 1, node.points)
-            logs.append(-np.inf if found is None else found.log_density + 0.5 * float(z @ z))
+            d = root @ z
+            found = self.conditional(self.moved(node, d), 1, node.points)
+            log_proposal = -0.5 * float(z @ z) - float(log_volumes(d))
+            logs.append(-np.inf if found is None else found.log_density - log_proposal)
         return smoothed_weights(np.array(logs)).shape
 
     def _walk(self, first: MassNode, direction: Float[np.ndarray, " 5"]) -> list[MassNode]:
@@ -347,16 +342,20 @@ class MassSampler:
         """Log probability of a node's part of the ridge, up to a constant."""
         return node.log_density + float(np.linalg.slogdet(self.root(node))[1])
 
-    def _log_proposal(
-        self,
-        points: Float[np.ndarray, "n 5"],
-        nodes: list[MassNode],
-        roots: list[np.ndarray],
-        share: Float[np.ndarray, " c"],
+    def log_proposal(
+        self, points: Float[np.ndarray, "n 5"], nodes: list[MassNode], share: Float[np.ndarray, " c"]
     ) -> Float[np.ndarray, " n"]:
-        """Log density of the mixture of t distributions, in errors about each node."""
-        errors = [self.errors(points, node.trajectory[0]) for node in nodes]
-        return np.logaddexp.reduce(log_mixture_parts(errors, roots, share), axis=0)
+        """Log density of the mixture of t distributions in the invariant volume, up to a constant.
+
+        A distribution of errors d about its node has there its density of d over v(d).
+        """
+        parts = []
+        for node, part in zip(nodes, share, strict=True):
+            d, root = self.errors(points, node.trajectory[0]), self.root(node)
+            square = np.square(np.linalg.solve(root, d.T)).sum(axis=0)
+            tail = -(PROPOSAL_DOF + 5) / 2 * np.log1p(square / PROPOSAL_DOF)
+            parts.append(np.log(part) - np.linalg.slogdet(root)[1] + tail - log_volumes(d))
+        return np.logaddexp.reduce(parts, axis=0)
 
     def errors(
         self, points: Float[np.ndarray, "n 5"], about: Float[np.ndarray, " m"]
@@ -404,7 +403,7 @@ class MassSampler:
         away = self.layout.local(self._prior.mean, x[0])[self._s] / self._prior_std[self._s]
         least = solved.point.cost(self._used, Stage(self._loss)) - solved.normal.predicted_reduction
         log_density = -0.5 * (least + float(away @ away)) - 0.5 * log_determinant(solved.normal)
-        outside = float(log_volume_ratio(traceless_part(away * self._prior_std[self._s])))
+        outside = float(log_volumes(away * self._prior_std[self._s]))
         return ConditionalMotion(x, solved.point.points, log_density - outside, solution)
 
 
@@ -414,18 +413,16 @@ def shares_of_nodes(log_mass: Float[np.ndarray, " c"]) -> Float[np.ndarray, " c"
     return (1 - EVEN_SHARE) * mass / mass.sum() + EVEN_SHARE / len(mass)
 
 
-def log_mixture_parts(
-    errors: Sequence[Float[np.ndarray, "n 5"]],
-    roots: Sequence[Float[np.ndarray, "5 5"]],
-    share: Float[np.ndarray, " c"],
-) -> Float[np.ndarray, "c n"]:
-    """Log densities of t distributions with their shares, each at errors about its own node, up to a constant."""
-    parts = []
-    for error, root, part in zip(errors, roots, share, strict=True):
-        square = np.square(np.linalg.solve(root, error.T)).sum(axis=0)
-        tail = -(PROPOSAL_DOF + 5) / 2 * np.log1p(square / PROPOSAL_DOF)
-        parts.append(np.log(part) - np.linalg.slogdet(root)[1] + tail)
-    return np.array(parts)
+def even_steps(
+    count: int, share: Float[np.ndarray, " c"], seed: int
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 5"]]:
+    """Node of each draw from a mixture of t distributions, and its step in units of that node's root, evenly spread."""
+    from scipy.special import chdtri, ndtri  # here alone: few motions need samples
+
+    uniform = even_points(count, 7, seed)
+    chosen = np.minimum(np.searchsorted(np.cumsum(share), uniform[:, 0]), len(share) - 1)
+    tails = np.sqrt(PROPOSAL_DOF / chdtri(PROPOSAL_DOF, 1 - uniform[:, 1]))
+    return chosen, ndtri(uniform[:, 2:]) * tails[:, np.newaxis]
 
 
 def even_points(count: int, dimension: int, seed: int) -> Float[np.ndarray, "n d"]:
@@ -440,6 +437,11 @@ def even_points(count: int, dimension: int, seed: int) -> Float[np.ndarray, "n d
     shift = np.random.default_rng(seed).random(dimension)
     points = (shift + np.outer(np.arange(count), generators)) % 1.0
     return np.clip(points, SMALLEST_UNIFORM, 1 - SMALLEST_UNIFORM)
+
+
+def log_volumes(d: Float[np.ndarray, "*n 5"]) -> Float[np.ndarray, "*n"]:
+    """log v of errors d of mass distributions: logarithm of their volume over the invariant one."""
+    return log_volume_ratio(traceless_part(d))
 
 
 def log_volume_ratio(D: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n"]:

@@ -13,14 +13,11 @@ from jaxtyping import Float
 
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
 from spinfilters.smoother.mass_posterior import (
-    PROPOSAL_DOF,
     MassNode,
     MassPosterior,
     MassSampler,
-    even_points,
-    log_mixture_parts,
-    log_volume_ratio,
-    traceless_part,
+    even_steps,
+    log_volumes,
 )
 
 DEEPEST: Final = 25.0
@@ -128,28 +125,13 @@ class MassFrame:
 
     def drawn(self, count: int, share: Float[np.ndarray, " c"], seed: int) -> Float[np.ndarray, "n 5"]:
         """Mass distributions from the mixture of t distributions at the nodes, evenly spread."""
-        from scipy.special import chdtri, ndtri
-
-        uniform = even_points(count, 7, seed)
-        chosen = np.minimum(np.searchsorted(np.cumsum(share), uniform[:, 0]), len(share) - 1)
-        steps = (
-            ndtri(uniform[:, 2:])
-            * np.sqrt(PROPOSAL_DOF / chdtri(PROPOSAL_DOF, 1 - uniform[:, 1]))[:, np.newaxis]
-        )
+        chosen, steps = even_steps(count, share, seed)
         found = np.empty((count, 5))
         for k, node in enumerate(self.nodes):
             own = chosen == k
             if own.any():
                 found[own] = self.points(steps[own] @ self.roots[k].T, node.trajectory[0])
         return found
-
-    def log_proposal(
-        self, points: Float[np.ndarray, "n 5"], share: Float[np.ndarray, " c"]
-    ) -> Float[np.ndarray, " n"]:
-        """Log density of that mixture, in the invariant volume."""
-        errors = [self.errors(points, node.trajectory[0]) for node in self.nodes]
-        volumes = np.array([log_volumes(d) for d in errors])
-        return np.logaddexp.reduce(log_mixture_parts(errors, self.roots, share) - volumes, axis=0)
 
     def begun(self, points: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "k m"]:
         """The motion that the nearest node's regression gives a mass distribution."""
@@ -159,11 +141,6 @@ class MassFrame:
         ]
         nearest = int(np.argmin(far))
         return self.sampler.moved(self.nodes[nearest], away[nearest])
-
-
-def log_volumes(d: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, " n"]:
-    """Logarithm of the volume of errors d over the invariant one."""
-    return log_volume_ratio(traceless_part(d))
 
 
 @dataclass(frozen=True)
@@ -203,6 +180,7 @@ class SurrogatePosterior:
         points = self.frame.drawn(count, self.share, seed)
         # densities of d: the mixture's refers to the invariant volume
         volume = log_volumes(self.frame.errors(points, self.frame.origin))
-        log = self.log_density(points) - self.frame.log_proposal(points, self.share) - volume
+        proposal = self.frame.sampler.log_proposal(points, self.frame.nodes, self.share)
+        log = self.log_density(points) - proposal - volume
         weights = np.exp(log - log.max())
         return points, weights / weights.sum()

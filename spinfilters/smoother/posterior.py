@@ -30,8 +30,7 @@ from spinfilters.smoother.mass_posterior import (
     MassNode,
     MassPosterior,
     MassSampler,
-    log_volume_ratio,
-    traceless_part,
+    log_volumes,
 )
 from spinfilters.smoother.mass_surrogate import SurrogatePosterior
 from spinfilters.smoother.problem import Problem
@@ -172,7 +171,7 @@ def _walk_ensemble(
         there = sampler.conditional(begin, iterations=3)
         if there is None:
             return -np.inf, None
-        density = there.log_density + float(log_volume_ratio(traceless_part(d)))
+        density = there.log_density + float(log_volumes(d))
         return density, (there.trajectory, latest_factor(there.solution))
 
     chosen = generator.choice(len(places), options.walkers, p=found.weights.weights)

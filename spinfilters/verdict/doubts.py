@@ -293,6 +293,10 @@ def _widen_evaluation(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
     drift = doubts.models.clock_drift
     if drift is not None and len(history.time) <= len(drift) and np.isfinite(drift).all():
         history = history.with_calibration_error(drift[: len(history.time)])
+    mixture = doubts.models.correlated.mixture
+    if mixture is not None:
+        own = evaluation.history.last_mixture(mixture, history.calibration)
+        history = replace(history, mixture=own)
     return evaluation if history is evaluation.history else evaluated(history, setup)
 
 

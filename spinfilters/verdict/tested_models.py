@@ -12,11 +12,13 @@ from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.setup import Setup
 from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.state_mixture import ErrorMixture
 from spinfilters.models.status import ALL, Finding
 from spinfilters.verdict.checks import finding
 from spinfilters.verdict.judge import unmoved_quantities
 from spinfilters.verdict.model_errors.alternatives import CONTACT_AT_BEGIN, Alternative
 from spinfilters.verdict.model_errors.correlated_errors import (
+    NODE_WEIGHTS,
     CorrelatedErrors,
     correlated_errors,
     observation_correlation,
@@ -57,6 +59,20 @@ class PossibleCorrelation:
     undecided: Finding | None = None
     score_inflation: float = 1.0
     explanations: tuple[CorrelatedErrors, ...] = ()
+
+    @cached_property
+    def mixture(self) -> ErrorMixture | None:
+        """Errors after the last tested epoch, white or as in each explanation at its odds, in units of the stated factor F.
+
+        Factors R are those of F^-1 A F^-T, the identity first; None where errors are surely white.
+        """
+        if not self.explanations:
+            return None
+        size = self.explanations[0].last_roots.shape[-1]
+        odds = [each.probability / (1 - each.probability) for each in self.explanations]
+        weights = np.concatenate([[1.0], *(each * NODE_WEIGHTS for each in odds)])
+        roots = [np.eye(size)[np.newaxis], *(each.last_roots for each in self.explanations)]
+        return ErrorMixture(weights / weights.sum(), np.concatenate(roots))
 
 
 NO_CORRELATION: Final = PossibleCorrelation()

@@ -15,6 +15,13 @@ def test_a_seed_always_draws_the_same_scenario() -> None:
     assert drawn_scenario("gyro", 3) != drawn_scenario("gyro", 4)
 
 
+def test_noise_that_is_no_field_of_a_scenario_is_an_option_of_its_sensor() -> None:
+    scenario, levels = drawn_scenario("lidar-points", 1), calibration_draws.LEVELS["lidar-points"]
+    assert set(dict(scenario.sensor_noise)) == set(levels)
+    assert all(low <= scenario.level(name) <= high for name, (low, high) in levels.items())
+    assert drawn_scenario("pose", 1).sensor_noise == ()
+
+
 def test_a_sensor_without_a_prior_is_refused() -> None:
     with pytest.raises(InputError, match="no prior"):
         drawn_scenario("lidar-scans", 0)

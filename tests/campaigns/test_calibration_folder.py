@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -157,6 +158,8 @@ def test_wrong_names_are_refused_before_anything_is_written(
         json.dumps({"seed": 1, "draws": [asdict(replace(DRAW, seed=1, quantities={"rate": [COMPONENT]}))]}).encode(),
         json.dumps({"seed": 1, "draws": [asdict(replace(DRAW, seed=1, quantities={"mass": [COMPONENT] * 3}))]}).encode(),
         json.dumps({"seed": 1, "draws": [asdict(DRAW) | {"seed": 1, "worst": "big"}]}).encode(),
+        json.dumps({"seed": 1, "draws": [asdict(DRAW) | {"seed": 1, "scores": {"rate": [[1.0]] * 3}}]}).encode(),
+        json.dumps({"seed": 1, "draws": [asdict(DRAW) | {"seed": 1, "mixture_nees": {"w": None}}]}).encode(),
     ],
 )  # fmt: skip
 def test_a_damaged_line_is_no_draw_and_its_seed_is_made_again(
@@ -168,6 +171,22 @@ def test_a_damaged_line_is_no_draw_and_its_seed_is_made_again(
     assert calibrate(tmp_path, 2) == 0
     assert maker.seeds == [0, 1]
     assert list(read_draws(tmp_path, STUDY)) == [0, 1]
+
+
+def test_a_draw_of_an_earlier_version_has_the_scores_of_its_gaussians(maker: Maker, tmp_path: Path) -> None:
+    assert calibrate(tmp_path, 1) == 0
+    line = json.loads((tmp_path / DRAWS_FILE).read_text())
+    for name in ("scores", "mixture_nees"):
+        del line["draws"][0][name]
+    (tmp_path / DRAWS_FILE).write_text("".join(json.dumps(_of_seed(line, k)) + "\n" for k in range(10)))
+    assert calibrate(tmp_path, 10) == 0
+    assert maker.seeds == [0]
+    component = json.loads((tmp_path / RESULT_FILE).read_text())["estimators"]["mekf"]["all"]["rate"]["x"]
+    assert component["crps"] == component["gaussian_crps"]
+
+
+def _of_seed(line: dict[str, Any], seed: int) -> dict[str, Any]:
+    return line | {"seed": seed, "draws": [each | {"seed": seed} for each in line["draws"]]}
 
 
 def test_a_damaged_study_is_named_and_mended_by_removing_it(

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from spinfilters.campaigns.calibration_draws import CalibrationDraw
+from spinfilters.campaigns.calibration_draws import CalibrationDraw, StatedComponent, mixture_square
 from spinfilters.campaigns.calibration_statistics import (
     component_calibration,
     gaussian_crps,
+    nees_calibration,
     rank_band,
     verdict_rates,
 )
@@ -52,6 +53,50 @@ def test_the_ranked_score_is_its_integral() -> None:
     error, std = 0.7, 1.3  # estimate minus truth; the truth at zero
     integral = np.square(ndtr((x - error) / std) - (x >= 0)).sum() * (x[1] - x[0])
     assert gaussian_crps(np.array([error]), np.array([std]))[0] == pytest.approx(integral, abs=1e-4)
+
+
+def test_scores_of_a_mixture_are_its_integral_and_its_density() -> None:
+    x = np.linspace(-40, 40, 400_001)
+    error, weights, std = 0.7, np.array([0.8, 0.2]), np.array([1.0, 3.0])
+    below = weights @ ndtr((x - error) / std[:, np.newaxis])
+    stated = StatedComponent(error, 2.0, weights, std)
+    integral = np.square(below - (x >= 0)).sum() * (x[1] - x[0])
+    assert stated.scores[0] == pytest.approx(integral, abs=1e-4)
+    density = weights @ (np.exp(-0.5 * (error / std) ** 2) / std) / np.sqrt(2 * np.pi)
+    assert stated.scores[1] == pytest.approx(-np.log(density))
+    assert stated.triple[2] == pytest.approx(weights @ ndtr(-error / std))
+
+
+def test_a_mixture_that_is_right_passes_where_its_gaussian_does_not() -> None:
+    generator, weights, std = np.random.default_rng(5), np.array([0.8, 0.2]), np.array([1.0, 4.0])
+    errors = generator.standard_normal(COUNT) * generator.choice(std, COUNT, p=weights)
+    stated = [StatedComponent(float(error), 3.0, weights, std) for error in errors]
+    both = component_calibration([each.triple for each in stated], [each.scores for each in stated])
+    one = component_calibration([(e, s, float(ndtr(-e / s))) for e, s, _ in (each.triple for each in stated)])
+    assert both.probability > 0.05
+    assert one.probability < 0.01
+    assert both.crps.value < one.crps.value == both.gaussian_crps.value
+    assert both.normal_squares.low < 1 < both.normal_squares.high
+
+
+def test_the_square_of_a_mixture_is_the_nees_of_its_gaussian_and_one_on_average() -> None:
+    generator, error = np.random.default_rng(3), np.array([0.5, -1.0, 0.2])
+    one = np.ones(1), 2.0 * np.eye(3)[np.newaxis]
+    assert mixture_square(error, *one, generator) == pytest.approx(error @ error / 4, rel=0.1)
+    both = np.array([0.7, 0.3]), np.array([1.0, 5.0])[:, np.newaxis, np.newaxis] * np.eye(3)
+    size = generator.choice([1.0, 5.0], 300, p=both[0])
+    found = [mixture_square(s * generator.standard_normal(3), *both, generator) / 3 for s in size]
+    assert np.mean(found) == pytest.approx(1.0, abs=0.14)  # three deviations of the mean
+
+
+def test_the_nees_is_averaged_by_stated_covariances_and_by_mixtures() -> None:
+    draws = [
+        CalibrationDraw(k, "mekf", "ok", True, 1.0, {}, {"w": 0.5}, {}, {"w": 1.0} if k else {})
+        for k in range(10)
+    ]
+    found = nees_calibration(draws, lambda draw: True)["w"]
+    assert (found["stated"].value, found["mixture"].value) == (0.5, pytest.approx(0.95))
+    assert nees_calibration(draws[1:], lambda draw: True) == {}
 
 
 def test_the_verdict_is_counted_as_a_classifier() -> None:

@@ -1,6 +1,7 @@
-"""``compare --predict`` where the truth goes on behind the measurements: errors, deviations and NEES."""
+"""``compare --predict`` where the truth goes on after the measurements: errors, deviations and NEES."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from shutil import copytree, ignore_patterns
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation import reference_comparison
 from spinfilters.evaluation.continuous_motion import ContinuousMotion
 from spinfilters.evaluation.reference_fit import ReferenceFit
@@ -15,7 +17,9 @@ from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.text_table import read_csv
 from spinfilters.io.truth import TRUTH_COLUMNS
 from spinfilters.run.array_files import read_arrays, write_arrays
+from spinfilters.run.inertia_race_output import race_figures
 from spinfilters.run.predictions import stamps_ahead
+from spinfilters.run.reference_output import kept_reference
 from tests.cli.faults import refusal
 
 pytestmark = pytest.mark.usefixtures("few_figures")
@@ -57,7 +61,7 @@ def test_a_gyro_is_judged_by_rate_and_mass_distribution(recordings: Path, tmp_pa
     assert found["nees_dof"] == 8
 
 
-def test_without_a_truth_behind_the_measurements_nothing_is_judged(recordings: Path, tmp_path: Path) -> None:
+def test_without_a_truth_after_the_measurements_nothing_is_judged(recordings: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     asked = ["--estimators", "mekf", "--predict", "4", "-o", str(run)]
     assert main(["compare", str(recordings / "gyro"), *asked]) == 0
@@ -111,8 +115,8 @@ def test_a_reference_that_goes_on_judges_a_prediction_and_a_race_too(
     assert fits == ["mekf"], "fitted once, for the reference's own files, the prediction and the race"
     assert_drawn_again_and_printed(tmp_path / "run", tmp_path / "printed")
     assert compared(dataset, tmp_path / "run", "--resume")["mekf"] == found, "the kept reference judges again"
-    for name in ("reference.npz", "race.npz"):
-        assert_refused_when_damaged(tmp_path / "run", name, capsys)
+    assert_refused_when_damaged(tmp_path / "run", "reference.npz", kept_reference, capsys)
+    assert_refused_when_damaged(tmp_path / "run", "race.npz", race_figures, capsys)
 
 
 def assert_drawn_again_and_printed(run: Path, folder: Path) -> None:
@@ -129,19 +133,22 @@ def assert_drawn_again_and_printed(run: Path, folder: Path) -> None:
     assert {path.stem for path in folder.glob("*.svg")} == further
 
 
-def assert_refused_when_damaged(run: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def assert_refused_when_damaged(
+    run: Path, name: str, read: Callable[[Path], object], capsys: pytest.CaptureFixture[str]
+) -> None:
     """One line with the file and the cure; the file is as before afterwards."""
     whole = (run / name).read_bytes()
-    for damaged in (whole[:-40], whole[: len(whole) // 3], b""):
-        (run / name).write_bytes(damaged)
-        said = refusal(capsys, "plot", str(run))
-        assert name in said
-        assert "run compare again with --resume" in said
+    damaged = [whole[:-40], whole[: len(whole) // 3], b""]
     for array in ("time", "attitude", "rate"):
         kept = read_arrays_of(whole, run / name)
         if array in kept:
             write_arrays(run / name, kept | {array: kept[array][..., :1]})
-            assert name in refusal(capsys, "plot", str(run))
+            damaged.append((run / name).read_bytes())
+    for content in damaged:
+        (run / name).write_bytes(content)
+        with pytest.raises(InputError, match=rf"{name}: .*; run compare again with --resume"):
+            read(run)
+    assert name in refusal(capsys, "plot", str(run)), "the command says so too"
     (run / name).write_bytes(whole)
 
 

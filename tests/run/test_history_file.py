@@ -11,12 +11,14 @@ from spinfilters.core.errors import InputError
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.state_mixture import ErrorMixture
 from spinfilters.models.status import OWN_STATUS, EstimatorStatus, Finding, Holds, Verdict
 from spinfilters.run.array_files import (
     FINDINGS,
     HOLDS,
     INITIALISATION,
     MASS_WEIGHTS,
+    MIXTURE_WEIGHTS,
     OBSERVATIONS,
     read_arrays,
     read_history,
@@ -66,6 +68,21 @@ def test_samples_of_the_mass_distribution_survive_a_file_and_damaged_ones_are_re
     assert (copy.gaussian_shape, copy.gaussian_nees) == (0.4, 1.5)
     write_arrays(path, {**read_arrays(path), MASS_WEIGHTS: np.ones(6)})
     with pytest.raises(InputError, match="samples of the mass distribution"):
+        read_history(path)
+
+
+def test_explanations_of_the_last_errors_survive_a_file_and_damaged_ones_are_refused(tmp_path: Path) -> None:
+    path, size = tmp_path / "history.npz", filtered().layout.error_dim
+    mixture = ErrorMixture(
+        np.array([0.9, 0.1]), np.array([1.0, 3.0])[:, np.newaxis, np.newaxis] * np.eye(size)
+    )
+    write_history(path, replace(filtered(), mixture=mixture))
+    copy = read_history(path).mixture
+    assert copy is not None
+    np.testing.assert_array_equal(copy.weights, mixture.weights)
+    np.testing.assert_array_equal(copy.factors, mixture.factors)
+    write_arrays(path, {**read_arrays(path), MIXTURE_WEIGHTS: np.ones(3)})
+    with pytest.raises(InputError, match="mixture of errors"):
         read_history(path)
 
 

@@ -13,7 +13,8 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother import posterior as posterior_module
 from spinfilters.smoother.linear_system import Marginals
-from spinfilters.smoother.mass_posterior import even_points
+from spinfilters.smoother.mass_posterior import MassSampler, even_points
+from spinfilters.smoother.mass_surrogate import MassFrame
 from spinfilters.smoother.posterior import Posterior, SamplingOptions, sample_posterior
 from spinfilters.smoother.problem import InitialGuess
 from tests.smoother.smoothing_samples import LONG, sample, solved
@@ -95,6 +96,23 @@ def test_the_posterior_takes_tracks_without_a_map() -> None:
     own = found["posterior"].evaluation.distances
     assert own is not None
     assert own["attitude"].divergence < 0.1  # its Gaussian and its samples agree about the motion
+
+
+def test_mixtures_about_far_nodes_are_densities_in_one_volume() -> None:
+    setup = prepare(simulate("gyro", rate_rpm=(4.0, 9.0, 3.0), frames=12, seed=2), Settings())
+    problem, found = smoothed_problem(setup, Settings())
+    sampler = MassSampler(problem)
+    node = sampler.node(found.mean)
+    assert node is not None
+    d = np.array([0.6, -0.3, 0.25, 0.0, 0.15])
+    wide = [
+        replace(node, trajectory=sampler.moved(node, sign * d), covariance=np.diag([0.4] * 5))
+        for sign in (1, -1)
+    ]
+    one, other = np.array([0.95, 0.05]), np.array([0.4, 0.6])
+    points = MassFrame(sampler, wide).drawn(20_000, other, 1)
+    logs = [sampler.log_proposal(points, wide, share) for share in (one, other)]
+    assert np.exp(logs[0] - logs[1]).mean() == pytest.approx(1.0, abs=0.003)  # without volumes .986
 
 
 def test_even_points_fill_the_cube_evenly() -> None:

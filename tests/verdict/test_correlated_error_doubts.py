@@ -16,7 +16,7 @@ from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, withou
 from spinfilters.verdict import model_tests as model_errors
 from spinfilters.verdict import tested_models as correlation_verdict
 from spinfilters.verdict.model_errors.correlated_errors import CorrelatedErrors
-from spinfilters.verdict.tested_models import PossibleCorrelation, possible_correlation
+from spinfilters.verdict.tested_models import NO_CORRELATION, PossibleCorrelation, possible_correlation
 
 SMOOTHER = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
 
@@ -67,8 +67,8 @@ def possible(monkeypatch: pytest.MonkeyPatch, *found: CorrelatedErrors) -> Possi
 def errors(probability: float, inflation: float, widening: float = 1.0) -> CorrelatedErrors:
     """Errors that would make variances larger."""
     sizes, wider = ({}, {"noise": 0.1}, {}), widening * np.eye(3)[np.newaxis]
-    variances = np.ones((3, wider.shape[-1]))
-    return CorrelatedErrors(*sizes, 3.0, probability, 5.0, inflation, wider, variances, 0.0)
+    roots = np.sqrt(inflation) * np.tile(np.eye(3), (3, 1, 1))
+    return CorrelatedErrors(*sizes, 3.0, probability, 5.0, inflation, wider, roots)
 
 
 @pytest.mark.parametrize(
@@ -88,6 +88,19 @@ def test_covariances_hold_with_the_errors_that_widen_them_most(monkeypatch: pyte
     assert found.undecided is not None
     assert "3 s (noise 0.1" in found.undecided.sentence
     assert len(found.undecided.reason) < 300
+
+
+def test_errors_are_a_mixture_of_white_ones_and_of_each_explanation_at_its_odds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = possible(monkeypatch, errors(0.3, 2.0, 1.5), errors(0.1, 20.0, 4.0)).mixture
+    assert found is not None
+    assert found.weights.sum() == pytest.approx(1.0)
+    odds = [found.weights[1:4].sum() / found.weights[0], found.weights[4:].sum() / found.weights[0]]
+    assert odds == pytest.approx([1 / 9, 3 / 7])
+    variances = np.square(found.factors).sum(axis=2)[:, 0]
+    assert variances == pytest.approx([1.0, *[20.0] * 3, *[2.0] * 3])
+    assert NO_CORRELATION.mixture is None
 
 
 @cache
@@ -110,6 +123,10 @@ def test_deviations_of_a_gyro_hold_with_errors_that_may_be_correlated() -> None:
     assert evaluation.history.status.verdict is Verdict.OK
     assert comparison.models.correlated.widening is not None
     assert result_columns(evaluation)["worst_error"] < 4.0
+    assert evaluation.intervals is not None
+    half_widths, std = evaluation.intervals["rate_rad_s"], evaluation.deviation_parts["rate_rad_s"].random
+    assert (np.diff(half_widths, axis=0) > 0).all()
+    assert (half_widths[0] < 0.6745 * std).all()
 
 
 def test_moments_that_only_white_errors_determine_are_not_determined(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -181,6 +181,15 @@ def test_what_is_not_known_of_the_levels_widens_covariances() -> None:
     assert sizes[0] < sizes[1]
 
 
+def test_roots_of_the_last_errors_grow_with_what_is_not_known_of_the_levels() -> None:
+    errors = explained("gyro")
+    likely = LikelyLevels(np.array([-1.0, 2.0, -18.0, 1.0]), np.array([0, 1, 3]), 0.0)
+    roots = errors.last_roots(likely, 4.0 * np.eye(3))
+    sizes = np.square(roots).sum(axis=(1, 2))
+    assert sizes[0] < sizes[1] < sizes[2]
+    assert roots[1] @ roots[1].T == pytest.approx(errors.relative(likely.levels)[-1], rel=1e-9)
+
+
 def test_correlated_errors_of_poses_are_told_from_disturbances() -> None:
     errors = found("pose", 0.9)
     assert errors is not None

@@ -13,7 +13,10 @@ from spinfilters.io.stated_values import Argument, NumberRange
 class CalibrationArguments:
     """Arguments of ``calibration``."""
 
-    sensor: Annotated[str, Argument("gyro, pose or stereo-tracks", positional=True, metavar="SENSOR")]
+    sensor: Annotated[
+        str,
+        Argument("gyro, attitude, pose, lidar-points or stereo-tracks", positional=True, metavar="SENSOR"),
+    ]
     output: Annotated[
         str,
         Argument(
@@ -21,6 +24,7 @@ class CalibrationArguments:
         ),
     ] = "runs/calibration"
     draws: Annotated[int, NumberRange(1, 100_000, whole=True), Argument("recordings in all")] = 500
+    first: Annotated[int, NumberRange(0, 1_000_000, whole=True), Argument("seed of the first of them")] = 0
     estimators: Annotated[str, Argument("estimators, separated by commas", metavar="NAMES")] = "mekf,smoother"
     state_noise: Annotated[
         bool, Argument("state the true noise in each recording; else it is identified from it")
@@ -39,7 +43,8 @@ def calibrate_by_simulation(options: CalibrationArguments) -> int:
     from spinfilters.run.run_lock import locked_run
     from spinfilters.settings.run_settings import Settings, names_in
 
-    console, folder, asked = wide_console(), Path(options.output), options.draws
+    console, folder = wide_console(), Path(options.output)
+    asked = range(options.first, options.first + options.draws)
     names = names_in(options.estimators)
     drawn_scenario(options.sensor, 0)  # refuses a sensor without a prior, and then an estimator that is none,
     Settings(estimators=names)  # before anything is written
@@ -50,8 +55,8 @@ def calibrate_by_simulation(options: CalibrationArguments) -> int:
         draws = read_draws(folder, study)
         try:
             with progress_bars() as report:
-                for seed in (seed for seed in range(asked) if seed not in draws):
-                    report("draws", sum(each < asked for each in draws), asked)
+                for seed in (seed for seed in asked if seed not in draws):
+                    report("draws", sum(each in draws for each in asked), len(asked))
                     made = made_draws(options.sensor, seed, names, options.state_noise)
                     require_uninterrupted()  # a library may have taken a Ctrl-C for an error of the recording
                     add_draw(folder, study, seed, made)
@@ -59,7 +64,7 @@ def calibrate_by_simulation(options: CalibrationArguments) -> int:
         except KeyboardInterrupt:
             is_interrupted = True
         draws = read_draws(folder, study)
-        total = len(draws.keys() | set(range(asked)))  # the folder may hold more than are asked for
+        total = len(draws.keys() | set(asked))  # the folder may hold more than are asked for
         if draws:
             for picture in write_report(folder, study, draws, total):
                 console.print(f"look at {picture}", highlight=False, soft_wrap=True)

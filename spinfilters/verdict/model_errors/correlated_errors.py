@@ -48,6 +48,9 @@ UNKNOWN_LEVEL: Final = 2.0
 """Deviation of the logarithm of a level of which the data say nothing."""
 EPOCHS_ASKED: Final = 8
 """Of which the change by levels is asked."""
+NODES: Final = np.sqrt(3.0) * np.array([-1.0, 0.0, 1.0])
+NODE_WEIGHTS: Final = np.array([1.0, 4.0, 1.0]) / 6
+"""Gauss and Hermite's rule of three points, over what is not known of the levels, in deviations."""
 STEP, SMALL = 0.1, 1e-9
 """Of a level, for that change; a deviation that is none."""
 
@@ -150,13 +153,14 @@ class ExplainedErrors:
         deviation = float(np.sqrt(slope @ spread))
         return Steepest(spread / max(deviation, SMALL), deviation)
 
-    def last_variances(
-        self, likely: LikelyLevels, widening: Float[np.ndarray, "n n"]
-    ) -> Float[np.ndarray, "3 n"]:
-        """Of the last of the first epochs' states: diagonals of P, of A, and of F B B' F'."""
-        last = self.factors[-1]
-        explained = self.covariance(likely.levels, slice(-1, None))[0]
-        return np.array([(last**2).sum(axis=1), np.diag(explained), ((last @ widening) ** 2).sum(axis=1)])
+    def last_roots(
+        self, likely: LikelyLevels, information: Float[np.ndarray, "f f"]
+    ) -> Float[np.ndarray, "3 n n"]:
+        """R with R R' = F^-1 A F^-T after the last of the first epochs, at `NODES` along the steepest step of the levels."""
+        step, last = self.steepest(likely, information).direction, slice(-1, None)
+        found = [self.relative(likely.moved(node * step).levels, last)[0] for node in NODES]
+        values, vectors = np.linalg.eigh(np.array(found))
+        return vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
 
     def _log_size(self, likely: LikelyLevels) -> float:
         """ln of the trace of A in the stated factors, over some epochs."""
@@ -215,10 +219,9 @@ class CorrelatedErrors:
         Of the variance of the state component that they touch most, mean over epochs, were they there.
     widening : (k, n, n) float array
         What covariance factors F of the first epochs' states are multiplied by to hold with these errors too.
-    last_variances : (3, n) float array
-        Of the last of these states: with white errors, with these, and as widened.
-    rise : float
-        Deviation of the logarithm of the second by what is not known of the levels.
+    last_roots : (3, n, n) float array
+        What covariance factors F after the last of these epochs are multiplied by to be those of errors with these, at
+        `NODES` of what is not known of their levels.
     """
 
     white: dict[str, float]
@@ -229,8 +232,7 @@ class CorrelatedErrors:
     advantage: float
     inflation: float
     widening: Float[np.ndarray, "k n n"]
-    last_variances: Float[np.ndarray, "3 n"]
-    rise: float
+    last_roots: Float[np.ndarray, "3 n n"]
 
     @property
     def expected_nees(self) -> float:
@@ -350,7 +352,6 @@ def _describe_levels(errors: ExplainedErrors, explained: ExplainedLevels) -> Cor
     half = np.exp(best.levels / 2)
     values = np.array([component.value for component in model.components])
     densities = model.values(np.concatenate([np.zeros(count), best.levels[2 * count : -1]]))[count:]
-    widening = errors.widening(best, explained.information, explained.probability)
     return CorrelatedErrors(
         dict(zip(names, (values * half[:count]).tolist(), strict=True)),
         dict(zip(names, (values * half[count : 2 * count]).tolist(), strict=True)),
@@ -359,9 +360,8 @@ def _describe_levels(errors: ExplainedErrors, explained: ExplainedLevels) -> Cor
         explained.probability,
         2 * (best.log_likelihood - explained.white.log_likelihood),
         errors.inflation(best.levels),
-        widening,
-        errors.last_variances(best, widening[-1]),
-        errors.steepest(best, explained.information).rise,
+        errors.widening(best, explained.information, explained.probability),
+        errors.last_roots(best, explained.information),
     )
 
 
