@@ -3,15 +3,16 @@
 Time of one prediction and update, interleaved by blocks in one run.
     python -m experiments.benchmarks.filter_speed --frames 24 --out /tmp/benchmark
 
-Both sides get the same compiled models and the same stacked, whitened rows of the simulated default (about 215
-landmarks a frame, known map). Machines differ and get busy, so the result is a ratio. The filters take turns by
-blocks of frames, and the ratio's range over blocks is printed beside it. They do not take turns by single frames:
-filterpy's dense matrices of some megabytes then sweep the processor's caches before each of our frames, which makes
-those three times as long.
+Both sides get the same compiled models, the same stacked, whitened rows of the simulated default (about 215
+landmarks a frame, known map), and the loop over time of every run, in which a filter may take in several epochs by
+one call. `--single` times each epoch by itself, as in live use. Machines differ and get busy, so the result is a
+ratio. The filters take turns by blocks of frames, and the ratio's range over blocks is printed beside it. They do
+not take turns by single frames: filterpy's dense matrices of some megabytes then sweep the processor's caches before
+each of our frames, which makes those three times as long.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -24,7 +25,7 @@ from matplotlib.figure import Figure
 from experiments.benchmarks.stopwatch import begin_benchmark, machine, now
 from experiments.command_line import run_study
 from spinfilters.filters.estimator import Estimator
-from spinfilters.filters.timeline import Epoch
+from spinfilters.filters.timeline import Epoch, Timeline, run
 from spinfilters.inference.setup import Setup
 from spinfilters.io.output_files import write_json
 from spinfilters.plots.style import BLUE, GREY, RED, save_figure, tidy
@@ -64,11 +65,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--frames", type=int, default=24, help="timed frames of a block")
     parser.add_argument("--blocks", type=int, default=5, help="blocks, each from the same start")
+    parser.add_argument("--single", action="store_true", help="every epoch by itself, as in live use")
     parser.add_argument("--out", type=Path, help="folder for filters.json and filters.png")
     options = parser.parse_args(arguments)
     begin_benchmark("experiments.benchmarks.filter_speed")
     setup = prepare(simulate(Scenario.simplified()), Settings())
-    seconds = time_frames(setup, options.frames, options.blocks)
+    seconds = time_frames(
+        setup, options.frames, options.blocks, single_seconds if options.single else run_seconds
+    )
     ratios = [speed_ratio(seconds, *pair) for pair in PAIRS]
     landmarks = float(np.mean([len(frame.measurements[0].values) for frame in setup.timeline]))
     _print(ratios, landmarks, seconds.shape)
@@ -85,25 +89,54 @@ def main(arguments: Sequence[str] | None = None) -> None:
         save_figure(speed_figure(ratios, landmarks), options.out / "filters.png")
 
 
-def time_frames(setup: Setup, epochs: int, blocks: int) -> Float[np.ndarray, "b n 4"]:
-    """Seconds per frame of every filter in `NAMES`.
+Pass = Callable[[Estimator, Timeline], Sequence[float]]
+"""Seconds of each epoch behind the first, which an estimator was started at."""
+
+
+def time_frames(
+    setup: Setup, epochs: int, blocks: int, seconds_of: Pass | None = None
+) -> Float[np.ndarray, "b n 4"]:
+    """Seconds per frame of every filter in `NAMES`, by default in a run.
 
     Each from the same start over the same frames, in every block.
     """
     filters = [build_estimator(name, setup, Settings()) for name in NAMES]
     first = len(setup.initial.mean)
-    timeline = list(setup.timeline[first - 1 : first + WARM_FRAMES + epochs])
-    rows = [[_passes(estimator, setup, timeline) for estimator in filters] for _ in range(blocks)]
+    timeline, chosen = setup.timeline[first - 1 : first + WARM_FRAMES + epochs], seconds_of or run_seconds
+    rows = [[_passes(estimator, setup, timeline, chosen) for estimator in filters] for _ in range(blocks)]
     return np.moveaxis(np.array(rows), 1, 2)
 
 
-def _passes(estimator: Estimator, setup: Setup, timeline: Sequence[Epoch]) -> Float[np.ndarray, " n"]:
+def _passes(
+    estimator: Estimator, setup: Setup, timeline: Timeline, seconds_of: Pass
+) -> Float[np.ndarray, " n"]:
     """Median seconds of one filter for each step but the first ones."""
-    rows, steps = [], list(pairwise(timeline))
+    rows = []
     for _ in range(PASSES[estimator.name]):
         estimator.start(setup.initial.belief)
-        rows.append([_seconds(estimator, after, after.time - before.time) for before, after in steps])
+        rows.append(seconds_of(estimator, timeline))
     return np.median(rows, axis=0)[WARM_FRAMES:]
+
+
+def run_seconds(estimator: Estimator, timeline: Timeline) -> Sequence[float]:
+    """Of the epochs of a run; those that one call takes in share its time."""
+    chosen = timeline[1:]
+    ends: dict[int, float] = {0: now()}
+    times: list[float] = []
+
+    def note(last: int) -> None:
+        """Time when the epochs up to this one are done."""
+        ends[last + 1] = now()
+
+    run(estimator, timeline[0].time, chosen, note)
+    for before, after in pairwise(sorted(ends)):
+        times += [(ends[after] - ends[before]) / (after - before)] * (after - before)
+    return times
+
+
+def single_seconds(estimator: Estimator, timeline: Timeline) -> Sequence[float]:
+    """Of the prediction and updates of every epoch."""
+    return [_seconds(estimator, after, after.time - before.time) for before, after in pairwise(timeline)]
 
 
 def speed_ratio(seconds: Float[np.ndarray, "b n 4"], ours: str, theirs: str) -> SpeedRatio:

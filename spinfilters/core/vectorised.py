@@ -1,7 +1,7 @@
 """CasADi functions over many rows at once: C code with SIMD lanes, generated, compiled and called on arrays."""
 
 import ctypes
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
@@ -60,6 +60,7 @@ void spinfilters_lanes(long long n, const double* const* base, const long long* 
     }}
     for (int l = 0; l < live; ++l) {{
       long long i = first + l;
+{behind}
 {scatter}
     }}
   }}
@@ -117,9 +118,11 @@ def simd_text(function: ca.Function) -> str | None:
         return f"a[{len(gather) - 1}][l]"
 
     made = _offsets(function.numel_out(k) for k in range(function.n_out()))
-    body = _tape(function, taken, lambda which, place: f"r[{made[which] + place}][l]")
+    late = _late_logarithms(function)
+    body = _tape(function, taken, lambda which, place: f"r[{made[which] + place}][l]", late)
     if body is None:
         return None
+    places = [made[which] + place for which, place in late.values()]
     items = [
         f"      const double* at{k} = base[{k}] + (row[{k}] ? row[{k}][i] : i) * width[{k}];"
         for k in range(function.n_in())
@@ -131,8 +134,39 @@ def simd_text(function: ca.Function) -> str | None:
         made=max(made[-1], 1),
         gather="\n".join(gather),
         body=body,
+        behind="\n".join(f"      r[{place}][l] = log(r[{place}][l]);" for place in places),
         scatter=_scatter(made),
     )
+
+
+def _late_logarithms(function: ca.Function) -> dict[int, tuple[int, int]]:
+    """Instructions that take the logarithm of an output, and nothing else does: with the output and the place in it.
+
+    They are left to the loop that writes the outputs: no vector instructions are made of a loop that calls a function.
+    """
+    if not function.is_a("SXFunction"):
+        return {}
+    written: dict[int, int] = {}  # work number -> the logarithm that is in it
+    found: dict[int, list[int]] = {}  # logarithm -> instructions that read it
+    for k in range(function.n_instructions()):
+        op, takes = function.instruction_id(k), function.instruction_input(k)
+        if op != ca.OP_INPUT and op != ca.OP_CONST:
+            for number in takes[:1] if op == ca.OP_OUTPUT else takes:
+                if number in written:
+                    found[written[number]].append(k)
+        if op == ca.OP_OUTPUT:
+            continue
+        for number in function.instruction_output(k):
+            written.pop(number, None)
+            if op == ca.OP_LOG:
+                written[number] = k
+                found[k] = []
+    late = {}
+    for k, readers in found.items():
+        if len(readers) == 1 and function.instruction_id(readers[0]) == ca.OP_OUTPUT:
+            which, place = function.instruction_output(readers[0])
+            late[k] = (which, place)
+    return late
 
 
 def scan_text(begin: ca.Function, turn: ca.Function, end: ca.Function) -> str | None:
@@ -210,13 +244,15 @@ def _scatter(made: list[int]) -> str:
     )
 
 
-def _tape(function: ca.Function, take: _Place, give: _Place) -> str | None:
-    """The instructions of a function in C, one a line."""
+def _tape(function: ca.Function, take: _Place, give: _Place, passed: Collection[int] = ()) -> str | None:
+    """The instructions of a function in C, one a line; those that are passed hand their argument on."""
     if not function.is_a("SXFunction"):
         return None
     lines = ["double " + ", ".join(f"w{k}" for k in range(max(function.sz_w(), 1))) + ";"]
     for k in range(function.n_instructions()):
         line = _line(function, k, take, give)
+        if k in passed:
+            line = f"w{function.instruction_output(k)[0]} = w{function.instruction_input(k)[0]};"
         if line is None:
             return None
         lines.append(line)
@@ -297,6 +333,11 @@ class Vectorised:
         """The expression, for others to be made of it."""
         return self._function
 
+    @property
+    def is_c(self) -> bool:
+        """Whether calls run generated C. Compiles on first use."""
+        return self._library is not None
+
     @built_property
     def loop(self) -> int | None:
         """Address of the compiled loop, for other compiled code to call; None where there is none."""
@@ -375,6 +416,11 @@ class VectorisedScan:
             return self._interpreted([np.broadcast_to(a, (count, a.shape[1])) for a in arguments], each)
         same = (None,) * len(arguments)
         return _run(self._library, arguments, same, [(count, made) for made in self._made], each)
+
+    @property
+    def is_c(self) -> bool:
+        """Whether calls run generated C. Compiles on first use."""
+        return self._library is not None
 
     def _interpreted(self, arguments: list[np.ndarray], each: np.ndarray) -> tuple[np.ndarray, ...]:
         begin, turn, end = self._plain

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
+from spinfilters.core.c_library import LANES, Signature, load_text, with_signatures
 from spinfilters.core.compiled import address
 from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.landmark_steps import (
@@ -30,12 +30,9 @@ from spinfilters.filters.landmark_steps import (
     WhitenedLandmarks,
 )
 from spinfilters.filters.measurement_prediction import SigmaPoints
-from spinfilters.filters.square_root import LOG_2_PI, Correction
+from spinfilters.filters.square_root import FLAGS, LOG_2_PI, Correction, correction_text
 from spinfilters.models.measurement import MeasurementModel
 
-LOOSE_SUMS: Final = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
-FLAGS: Final = (*KERNEL_FLAGS, *LOOSE_SUMS, "-fno-strict-aliasing", "-Wno-psabi")
-"""Sums may be taken in any order, so that they are vectorised; what is not finite stays so."""
 LARGEST_STATE: Final = 64
 """Errors of a state; larger ones go through NumPy."""
 MOST_DIM: Final = 8
@@ -50,13 +47,6 @@ POSE_COLUMNS: Final = 6
 """Errors that most sensors depend on: their library propagates too."""
 MODELS: Final = 64
 """Sensor models whose addresses are kept."""
-
-
-def correction_text(sizes: dict[str, int]) -> str:
-    """C text of the measurement update for these sizes, to be continued."""
-    numbers = ", ".join(f"{name} = {size}" for name, size in sizes.items())
-    body = files("spinfilters.filters").joinpath("correction.c").read_text()
-    return f"enum {{ {numbers}, LANES = {LANES} }};\n{body}"
 
 
 @cache

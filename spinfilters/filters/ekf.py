@@ -161,7 +161,7 @@ class MultiplicativeEkf(FirstOrderFilter):
         Parameters
         ----------
         epochs : EpochRun
-            From the present time on, without landmarks, each with fewer than `FEWEST_DUPLICATES` values of a sensor.
+            From the present time on, without landmarks.
         rows : Mapping[str, ndarray]
             A row per epoch to be written, see `Estimator.take_in`.
 
@@ -251,9 +251,10 @@ class MultiplicativeEkf(FirstOrderFilter):
     def _run_options(self, models: Sequence[MeasurementModel]) -> RunOptions:
         """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""
         noise = self._adaptation
+        guards = [self._outliers.of(model.name) for model in models]
         levels = tuple(
-            SensorLevel(noise.measurement_scale(model.name), self._outliers.of(model.name).limit(model.dim))
-            for model in models
+            SensorLevel(noise.measurement_scale(model.name), guard.limit(model.dim), guard.epochs.values)
+            for model, guard in zip(models, guards, strict=True)
         )
         return RunOptions(noise.scaled(self.layout, np.ones((1, MOST_NOISE)))[0], levels, self._iteration)
 

@@ -1,6 +1,7 @@
 /* Consecutive epochs of a first-order filter in one call; `filter.py` and `ekf.py` say what an epoch computes, and the functions
  * called here, compiled apart, compute it. Every operation is that of single epochs, in the same order. Matrices are row by row
- * where they are not said to be CasADi's, which are column by column. */
+ * where they are not said to be CasADi's, which are column by column. FEWEST_DUPLICATES, DUPLICATE_SAMPLE, LINEAR_SAMPLE and
+ * AGREEING_SHARE are defined in front of this text. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,12 +23,15 @@ typedef integer Update(const Model*, integer count, const double* x, const doubl
                        double limit, const double* before, double* room, double* made);
 typedef void Propagate(const double* factor, const double* transition, const double* noise, integer count, double* after);
 
-/* A sensor, with its values and their parameters; epoch k has those from first[k] to before end[k]. */
+/* A sensor, with its values and their parameters; epoch k has those from first[k] to before end[k]. `before` are the values that
+ * it measured last, in front of all epochs. */
 typedef struct {
   const Model* model;
   Update* update;
   const double *parameters, *values;
   const integer *first, *end;
+  const double* before;
+  integer before_count;
   double weight, limit;
   integer columns;
 } Sensor;
@@ -92,6 +96,20 @@ static int predict(const Filter* f, double dt, double* x, double* S, double* roo
   return 1;
 }
 
+/* Whether values may repeat those of the image before (`DuplicateImages`): some of a sample, spread over all, has the first
+ * component of one of them. None does in the usual case, and the rest is left to the caller. */
+static int may_repeat(const double* values, integer count, const double* before, integer before_count, integer components) {
+  if (count < FEWEST_DUPLICATES || before_count < FEWEST_DUPLICATES) return 0;
+  double sample[DUPLICATE_SAMPLE];
+  const integer spacing = (count + DUPLICATE_SAMPLE - 1) / DUPLICATE_SAMPLE;
+  int equal = 0;
+  /* what is left of the sample repeats its first number */
+  for (integer k = 0; k < DUPLICATE_SAMPLE; ++k) sample[k] = values[(k * spacing < count ? k * spacing : 0) * components];
+  for (integer i = 0; i < before_count; ++i)
+    for (integer k = 0; k < DUPLICATE_SAMPLE; ++k) equal |= before[i * components] == sample[k];
+  return equal;
+}
+
 /* `is_small` or `linear_model_holds` of an update from x, whose innovations and Jacobians lie in `room`. */
 static int is_linear(const Filter* f, const Sensor* s, integer count, integer used, const double* x, const double* parameters,
                      const double* values, const double* room, const double* made, double* rows) {
@@ -104,24 +122,32 @@ static int is_linear(const Filter* f, const Sensor* s, integer count, integer us
   }
   if (length(shift, n) * curvature <= f->iteration) return 1;
   if (used < count) return 0; /* rejected values are no evidence on the linear model */
+  /* `sample_rows`: every `spacing`th value, each for so many */
+  const integer spacing = (count + LINEAR_SAMPLE - 1) / LINEAR_SAMPLE, some = (count + spacing - 1) / spacing;
   const double *innovation = room, *jacobian = room + count * dim, root = sqrt(s->weight);
-  double *after = rows, *valid = after + count * dim * (C + 1), off = 0;
+  double *after = rows, *valid = after + some * dim * (C + 1), off = 0;
   const double* from[] = {mean, parameters, values};
-  const integer pitch[] = {0, s->model->width, s->model->components}, *chosen[] = {0, 0, 0};
-  double* const to[] = {after, after + count * dim, valid, valid + count};
-  s->model->linearise(count, from, pitch, chosen, to);
+  const integer pitch[] = {0, spacing * s->model->width, spacing * s->model->components}, *chosen[] = {0, 0, 0};
+  double* const to[] = {after, after + some * dim, valid, valid + some};
+  s->model->linearise(some, from, pitch, chosen, to);
   /* Sum of squares of [whitened residual at the new mean] less [innovation - jacobian error]. */
-  for (integer i = 0; i < count; ++i)
+  for (integer i = 0; i < some; ++i)
     for (integer d = 0; d < dim; ++d) {
-      const integer row = i * dim + d;
+      const integer row = i * spacing * dim + d;
       double expected = innovation[row];
       for (integer c = 0; c < C; ++c) expected -= jacobian[row * C + c] * error[s->model->columns[c]];
-      const double difference = after[row] * root - expected;
+      const double difference = after[i * dim + d] * root - expected;
       off += difference * difference;
       if (!(valid[i] > 0)) return 0;
     }
-  return off <= f->iteration * f->iteration;
+  return (double)spacing * off <= f->iteration * f->iteration;
 }
+
+/* Values of a sensor's latest measurement. */
+typedef struct {
+  const double* values;
+  integer count;
+} Last;
 
 /* Takes in epochs until one needs what only single epochs do: it is left undone. Returns how many were taken in. most: values of
  * a sensor in an epoch at most; width: most numbers of a linearised value. */
@@ -130,10 +156,16 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
   const integer n = f->n, m = f->point, k = f->noise;
   const integer predicting = f->errors + 3 * n * n + 2 * n * k + m, making = 3 + 2 * n + 3 * n * n + m;
   double* all = malloc((m + n * n + predicting + making + 2 * most * width) * sizeof(double));
-  if (!all) return 0;
+  Last* last = malloc((sensors + 1) * sizeof(Last));
+  if (!all || !last) {
+    free(all);
+    free(last);
+    return 0;
+  }
   double *x = all, *S = x + m, *room = S + n * n, *made = room + predicting, *rows = made + making, *again = rows + most * width;
   memcpy(x, mean, m * sizeof(double));
   memcpy(S, factor, n * n * sizeof(double));
+  for (integer i = 0; i < sensors; ++i) last[i] = (Last){sensor[i].before, sensor[i].before_count};
   integer done = 0;
   /* an epoch: predict, update by each sensor, write its row; the first that needs more than this is left to the caller, undone */
   for (; done < epochs; ++done) {
@@ -146,8 +178,11 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
       const integer first = s->first[done], count = s->end[done] - first, dim = s->model->dim;
       if (!count) continue;
       const double *parameters = s->parameters + first * s->model->width, *values = s->values + first * s->model->components;
+      if (may_repeat(values, count, last[i].values, last[i].count, s->model->components)) break;
+      last[i] = (Last){values, count};
       const integer used = s->update(s->model, count, x, parameters, values, s->weight, s->limit, S, rows, made);
-      if (!used || !is_linear(f, s, count, used, x, parameters, values, rows, made, again)) break;
+      if (!used || (double)used < AGREEING_SHARE * (double)count) break; /* so few that the state is doubted */
+      if (!is_linear(f, s, count, used, x, parameters, values, rows, made, again)) break;
       const double log_root = made[2 + 2 * n];
       nis += made[0];
       likelihood += -0.5 * (made[0] + (double)(used * dim) * 1.8378770664093453) - log_root - made[1];
@@ -167,6 +202,7 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
     to->rejected[done] = rejected;
   }
   free(all);
+  free(last);
   return done;
 }
 

@@ -1,8 +1,8 @@
 """Consecutive epochs of a first-order filter in one call of compiled C, `epoch_run.c`, to the numbers of single epochs.
 
-A call ends before an epoch that needs more than the plain prediction and update: values that are all rejected or invalid, an update
-that must be iterated, a step with more substeps than any before, numbers that are not finite. Without a compiler, with a robust
-loss, or while noise levels adapt, every epoch is taken by itself.
+A call ends before an epoch that needs more than the plain prediction and update: values hardly any of which pass the gate, or that
+may repeat the image before, an update that must be iterated, a step with more substeps than any before, numbers that are not
+finite. Without a compiler, with a robust loss, or while noise levels adapt, every epoch is taken by itself.
 """
 
 import ctypes
@@ -26,7 +26,10 @@ from spinfilters.filters.compiled_steps import (
     compiled_update,
 )
 from spinfilters.filters.estimator import COUNTS, EpochRun, ProcessModel, RunsTaken, SensorTimeline
+from spinfilters.filters.iterated_update import SAMPLE as LINEAR_SAMPLE
 from spinfilters.filters.iterated_update import SMALLEST_RANGE, IterationOptions
+from spinfilters.filters.outlier_rejection import AGREEING_SHARE, FEWEST_DUPLICATES
+from spinfilters.filters.outlier_rejection import SAMPLE as DUPLICATE_SAMPLE
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import LinearisedLoops
 from spinfilters.models.state_blocks import ATTITUDE
@@ -43,7 +46,11 @@ class _Sensor(ctypes.Structure):
     """`Sensor` of `epoch_run.c`."""
 
     _fields_ = (
-        *((name, ctypes.c_void_p) for name in ("model", "update", "parameters", "values", "first", "end")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in ("model", "update", "parameters", "values", "first", "end", "before")
+        ),
+        ("before_count", ctypes.c_longlong),
         *((name, ctypes.c_double) for name in ("weight", "limit")),
         ("columns", ctypes.c_longlong),
     )
@@ -72,11 +79,21 @@ class CompiledLoops(NamedTuple):
 
 
 class SensorLevel(NamedTuple):
-    """Of a sensor in a run of epochs: ratio of its noise covariance to the stated one, and limit of its gate (negative: another
-    rule applies)."""
+    """Of a sensor in a run of epochs.
+
+    Attributes
+    ----------
+    scale : float
+        Ratio of its noise covariance to the stated one.
+    limit : float
+        Of its gate; negative: another rule applies.
+    before : ndarray of float, shape (k, v)
+        Values of its latest measurement, none before the first.
+    """
 
     scale: float
     limit: float
+    before: Float[np.ndarray, "k v"]
 
 
 @dataclass(frozen=True)
@@ -198,7 +215,7 @@ class _Call(NamedTuple):
         if found is None or min(level.limit for level in options.levels) < 0:
             return None
         library, loops, propagation, updates = found
-        given = [_RunArrays.of(part) for part in epochs.sensors]
+        given = [_RunArrays.of(*each) for each in zip(epochs.sensors, options.levels, strict=True)]
         sensors = [
             _sensor(update, each, level)
             for update, each, level in zip(updates, given, options.levels, strict=True)
@@ -228,15 +245,19 @@ class _RunArrays(NamedTuple):
     values: np.ndarray
     first: np.ndarray
     end: np.ndarray
+    before: np.ndarray
 
     @classmethod
-    def of(cls, part: SensorTimeline) -> "_RunArrays":
+    def of(cls, part: SensorTimeline, level: SensorLevel) -> "_RunArrays":
         every = part.every
         first, end = (np.ascontiguousarray(array, dtype=np.int64) for array in (part.first, part.end))
         parameters, values = (
             np.ascontiguousarray(array, dtype=float) for array in (every.parameters, every.values)
         )
-        return cls(parameters, values, first, end)
+        # an image of another shape repeats nothing
+        alike = level.before.shape[1:] == values.shape[1:]
+        before = np.ascontiguousarray(level.before if alike else values[:0], dtype=float)
+        return cls(parameters, values, first, end, before)
 
 
 def _sensor(update: CompiledUpdate, given: _RunArrays, level: SensorLevel) -> _Sensor:
@@ -244,6 +265,7 @@ def _sensor(update: CompiledUpdate, given: _RunArrays, level: SensorLevel) -> _S
         update.model_address,
         update.update_address,
         *map(address, given),
+        len(given.before),
         1 / level.scale,
         level.limit,
         update.columns,
@@ -274,5 +296,7 @@ def _filter(
 
 @cache
 def _library() -> ctypes.PyDLL | None:
-    text = files("spinfilters.filters").joinpath("epoch_run.c").read_text()
+    numbers = f"FEWEST_DUPLICATES = {FEWEST_DUPLICATES}, DUPLICATE_SAMPLE = {DUPLICATE_SAMPLE}, LINEAR_SAMPLE = {LINEAR_SAMPLE}"
+    text = f"enum {{ {numbers} }};\nstatic const double AGREEING_SHARE = {AGREEING_SHARE};\n"
+    text += files("spinfilters.filters").joinpath("epoch_run.c").read_text()
     return with_signatures(load_text("epoch_run", text, FLAGS), _SIGNATURES)

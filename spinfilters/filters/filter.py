@@ -32,7 +32,7 @@ from spinfilters.filters.landmark_steps import MapObservations
 from spinfilters.filters.noise_levels import AdaptationOptions, NoiseAdaptation, NoiseScale, PredictedMotion
 from spinfilters.filters.outlier_rejection import OutlierRejection, RobustOptions, SensorOutlierRejection
 from spinfilters.filters.shared_modes import LandmarkOptions, anchored_at_pose
-from spinfilters.filters.square_root import MeasurementPrediction, square_root_update, triangular_factor
+from spinfilters.filters.square_root import MeasurementPrediction, covariance_factor, square_root_update
 from spinfilters.models.gauge import GAUGE_DIM, state_in_g
 from spinfilters.models.state_layout import Gaussian, StateLayout
 
@@ -201,9 +201,9 @@ class MultiplicativeFilter(Estimator):
         if self._held is None:
             return Gaussian(self.layout, self.mean, self.factor)
         if not self._held.has_move(self.factor, self.layout):
-            return Gaussian(self.layout, self.mean, triangular_factor(self.factor[: self._n].T))
+            return Gaussian(self.layout, self.mean, covariance_factor(self.factor[: self._n].T))
         mean, rows = state_in_g(self.layout, self.mean, self.factor, self._held.move)
-        return Gaussian(self.layout, mean, triangular_factor(rows.T))
+        return Gaussian(self.layout, mean, covariance_factor(rows.T))
 
     @property
     def landmark_belief(self) -> LandmarkBelief:
@@ -492,7 +492,7 @@ def propagate_factor(
     rows = np.zeros((size, spread.shape[1] + k))
     rows[:n, : spread.shape[1]], rows[:n, spread.shape[1] :] = spread, noise
     rows[n:, :size] = factor[n:]
-    return triangular_factor(rows.T)
+    return covariance_factor(rows.T)
 
 
 def reset_factor(

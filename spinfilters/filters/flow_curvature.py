@@ -30,6 +30,9 @@ SOFT: Final = 0.02
 """Standard deviation of the logarithm of second moments, beyond which states may bend by more than noise moves them."""
 LONGEST_STEP: Final = 0.35
 """Of these logarithms from the mean to the states that a bend is computed of; of a softer direction it is enlarged from there."""
+NEGLIGIBLE, LONGEST_PAUSE = 1e-3, 64
+"""Deviations of a belief below which a bend does not count, and stretches that pass at most before the next is computed. Each bend
+that does not count doubles the pause: so many equal ones in a row, which add up, are still far below a deviation."""
 LEFT: Final = "flow_curvature.left"
 """Name in a snapshot."""
 
@@ -50,6 +53,7 @@ class FlowCurvature:
     def begin(self) -> None:
         """Begin with a new belief."""
         self._left = 0.0 if np.isfinite(self._turn) else np.inf  # infinite: no belief to come is widened
+        self._pause = 1
 
     def widened(
         self,
@@ -72,9 +76,12 @@ class FlowCurvature:
             self._left = np.inf
             return factor
         rate = float(np.linalg.norm(mean[layout.mean_slice(RATE.name)]))
-        self._left = max(self._turn / rate, dt) if rate else dt
-        bends = bends_over(process, mean, factor[: layout.error_dim], self._left)
-        if not np.isfinite(bends).all():
+        stretch = max(self._turn / rate, dt) if rate else dt
+        bends = bends_over(process, mean, factor[: layout.error_dim], stretch)
+        is_negligible = _size_of(bends, factor[: layout.error_dim]) < NEGLIGIBLE
+        self._pause = min(2 * self._pause, LONGEST_PAUSE) if is_negligible else 1
+        self._left = self._pause * stretch
+        if is_negligible or not np.isfinite(bends).all():
             return factor
         rows = np.zeros((len(factor), len(bends)))
         rows[: layout.error_dim] = np.sqrt(0.75) * bends.T
@@ -102,15 +109,25 @@ class FlowCurvature:
         """Whether a filter that begins with a covariance factor is ever widened."""
         if not np.isfinite(self._turn) or not layout.has(MASS_DISTRIBUTION):
             return False
-        return bool(np.linalg.norm(factor[layout.slice(MASS_DISTRIBUTION.name)], 2) > SOFT)
+        rows = factor[layout.slice(MASS_DISTRIBUTION.name)]
+        return bool(np.isfinite(rows).all() and np.linalg.norm(rows, 2) > SOFT)
 
     def snapshot(self) -> Snapshot:
-        """Seconds until the next stretch begins."""
-        return {LEFT: np.array(self._left)}
+        """Seconds until the next stretch begins, and the pause in stretches."""
+        return {LEFT: np.array([self._left, self._pause])}
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go on from a snapshot."""
-        self._left = float(snapshot[LEFT])
+        self._left, self._pause = float(snapshot[LEFT][0]), int(snapshot[LEFT][1])
+
+
+def _size_of(bends: Float[np.ndarray, "q n"], factor: Float[np.ndarray, "n r"]) -> float:
+    """The largest bend in deviations of a belief; infinite where that is singular."""
+    square = factor if factor.shape[0] == factor.shape[1] else triangular_factor(factor.T)
+    try:
+        return float(np.linalg.norm(np.linalg.solve(square, bends.T), axis=0).max(initial=0.0))
+    except np.linalg.LinAlgError:
+        return np.inf
 
 
 def bends_over(

@@ -21,7 +21,7 @@ from spinfilters.filters.landmark_steps import (
 )
 from spinfilters.filters.measurement_prediction import SigmaPointOptions, SigmaPoints, sigma_points
 from spinfilters.filters.outlier_rejection import SensorOutlierRejection
-from spinfilters.filters.square_root import Correction, last_nonzero, lower_roots, triangular_factor
+from spinfilters.filters.square_root import Correction, covariance_factor, last_nonzero, lower_roots
 
 
 class ChosenObservations(NamedTuple):
@@ -147,8 +147,8 @@ class Regression:
         # Coordinates: s that move the pose, then 3 of the landmark's own (later modes and own error together).
         s = last_nonzero(pose)
         points = sigma_points(s + 3, options)
-        states = o.layout.retract(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
-        spread = Spread(states, pose[:, :s], modes[:, :s], triangular_factor(modes[:, s:].T))
+        states = o.layout.retract_each(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
+        spread = Spread(states, pose[:, :s], modes[:, :s], covariance_factor(modes[:, s:].T))
         found = o.landmarks.steps.regressed(o, spread, points)
         return spread.regressed(o, points) if found is None else found
 

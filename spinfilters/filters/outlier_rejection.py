@@ -164,6 +164,11 @@ class DuplicateImages:
         self._values = np.zeros((0, 1))
         self._time_passed = True
 
+    @property
+    def values(self) -> Float[np.ndarray, "k v"]:
+        """Values of the latest epoch, none before the first."""
+        return self._values
+
     def pass_time(self) -> None:
         """Mark that time has advanced, so that a new epoch follows."""
         self._time_passed = True
@@ -198,7 +203,7 @@ class DuplicateImages:
     def remember(
         self, keys: Num[np.ndarray, "k ..."], values: Float[np.ndarray, "k v"], time_passed: bool
     ) -> None:
-        """Remember values of a later epoch, too few to be distinguished from a repetition (`FEWEST_DUPLICATES`).
+        """Remember values of a later epoch, which repeat nothing or are too few to be told from a repetition.
 
         Parameters
         ----------

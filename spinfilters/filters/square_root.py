@@ -3,15 +3,24 @@
 Covariances are held as factors, P = F F', so that no update makes one indefinite.
 """
 
+import ctypes
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from importlib.resources import files
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
+from spinfilters.core.compiled import address
 from spinfilters.core.linear_algebra import dgeqrf, dtrtrs
 
+LOOSE_SUMS: Final = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
+FLAGS: Final = (*KERNEL_FLAGS, *LOOSE_SUMS, "-fno-strict-aliasing", "-Wno-psabi")
+"""Of compiled filters: sums may be taken in any order, so that they are vectorised; what is not finite stays so."""
+LARGEST_TRIANGLE: Final = 64
+"""Rows and columns of a factor that compiled code makes; larger ones go through LAPACK."""
 LOG_2_PI = float(np.log(2 * np.pi))
 
 
@@ -99,11 +108,11 @@ def square_root_update(prediction: MeasurementPrediction) -> Correction:
     n, k = len(X), len(Y)
     r = last_nonzero(Y)
     # [Y y; I 0] = Q [U Uy; 0 rho]: U'U = I + Y'Y, column r becomes the shift, and R[r, r]^2 what no state explains.
-    array = np.zeros((k + r, r + 1), order="F")
+    array = np.zeros((k + r, r + 1))
     array[:k, :r] = Y[:, :r]
     array[:k, r] = prediction.innovation
     array[k:, :r].flat[:: r + 1] = 1.0
-    R = dgeqrf(array, overwrite_a=1)[0]
+    R = covariance_factor(array).T
     # X U^-1 by substitution from the left, (X U^-1)' = U'^-1 X'; rows after r stay, as U is the identity there.
     root = X.T.copy()
     root[:r] = dtrtrs(R[:r, :r], root[:r], trans=1)[0]
@@ -111,7 +120,7 @@ def square_root_update(prediction: MeasurementPrediction) -> Correction:
     nis = float(R[r, r] ** 2) + prediction.residual if k else prediction.residual
     log_root = float(np.log(np.abs(R.diagonal()[:r])).sum())
     log_likelihood = -0.5 * (nis + prediction.dof * LOG_2_PI) - log_root - prediction.log_noise
-    factor = root.T if len(root) == n else triangular_factor(root)
+    factor = root.T if len(root) == n else covariance_factor(root)
     return Correction(error, factor, nis, log_likelihood, prediction.dof, R[:r, :r], R[:r, r])
 
 
@@ -133,6 +142,35 @@ def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"
         rows = np.concatenate([rows, np.zeros((n - k, n))])
     R = dgeqrf(np.array(rows, order="F"), overwrite_a=1)[0]
     return R[:n].T * _lower_ones(n)
+
+
+def covariance_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"]:
+    """`triangular_factor` whose diagonal is not negative, by compiled code where there is any."""
+    k, n = rows.shape
+    library = _triangle_library() if n <= LARGEST_TRIANGLE else None
+    if library is None:
+        L = triangular_factor(rows)
+        return np.where(L.diagonal() < 0, -L, L)
+    given, L = np.asarray(rows, dtype=float), np.empty((n, n))
+    down, along = (stride // given.itemsize for stride in given.strides)
+    library.triangle(given.__array_interface__["data"][0], k, n, down, along, address(L))
+    return L
+
+
+@cache
+def _triangle_library() -> ctypes.PyDLL | None:
+    text = correction_text({"C": 1, "M": 0, "N": 1})
+    text += files("spinfilters.filters").joinpath("triangle.c").read_text()
+    return with_signatures(
+        load_text("covariance_factor", text, FLAGS), {"triangle": Signature("piiiip", None)}
+    )
+
+
+def correction_text(sizes: dict[str, int]) -> str:
+    """C text of the measurement update for these sizes, to be continued."""
+    numbers = ", ".join(f"{name} = {size}" for name, size in sizes.items())
+    body = files("spinfilters.filters").joinpath("correction.c").read_text()
+    return f"enum {{ {numbers}, LANES = {LANES} }};\n{body}"
 
 
 def lower_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
@@ -162,11 +200,11 @@ def compressed(
     if k <= c:
         return CompressedMeasurement(innovation, jacobian, 0.0)
     # QR of [H | y]: the first c rows hold all that depends on the state, R[c, c]^2 is the rest.
-    array = np.empty((k, c + 1), order="F")
+    array = np.empty((k, c + 1))
     array[:, :c] = jacobian
     array[:, c] = innovation
-    R = dgeqrf(array, overwrite_a=1)[0]
-    return CompressedMeasurement(R[:c, c].copy(), R[:c, :c] * _lower_ones(c).T, float(R[c, c] ** 2))
+    R = covariance_factor(array).T
+    return CompressedMeasurement(R[:c, c].copy(), R[:c, :c].copy(), float(R[c, c] ** 2))
 
 
 @cache

@@ -12,7 +12,6 @@ from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.working_time import working_seconds
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, SensorTimeline, UpdateReport
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
-from spinfilters.filters.outlier_rejection import FEWEST_DUPLICATES
 from spinfilters.io.input_file import reason
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.sensor_format import SensorNoise
@@ -170,6 +169,8 @@ def build_timeline(
 
 MOST_TOGETHER = 512
 """Epochs in one call at most: milliseconds, so that Ctrl-C, progress and checkpoints need not wait."""
+MOST_VALUES = 50_000
+"""Values of all sensors in one call, likewise."""
 REHEARSED = 3
 """Epochs of a rehearsal: the third is predicted and updated from what the second left."""
 
@@ -210,7 +211,7 @@ def run(
     status = EstimatorStatus()
     rows.reserve(len(rows) + len(timeline))
     try:
-        index, together = 0, _ends_of_runs(timeline)
+        index, together = 0, ends_of_runs(timeline)
         while index < len(timeline):
             done = _taken_together(estimator, timeline, slice(index, int(together[index])), rows)
             if not done:
@@ -251,21 +252,27 @@ def run_interruptible(
 
 
 @singledispatch
-def _ends_of_runs(epochs: Timeline) -> Int[np.ndarray, " k"]:
+def ends_of_runs(epochs: Timeline) -> Int[np.ndarray, " k"]:
     """Of each epoch, the end of the run that begins with it and may be taken in by one call; itself for none."""
     return np.arange(len(epochs))
 
 
-@_ends_of_runs.register
+@ends_of_runs.register
 def _(epochs: LogTimeline) -> Int[np.ndarray, " k"]:
-    """Epochs with few values of each sensor, and without landmarks."""
-    few = np.ones(len(epochs), dtype=bool)
+    """Epochs without landmarks, as many as there may be in one call."""
+    numbers, values = np.arange(len(epochs)), np.zeros(len(epochs), dtype=np.int64)
+    plain = np.ones(len(epochs), dtype=bool)
     for part in epochs.sensors:
-        most = FEWEST_DUPLICATES if part.every.ids is None else 1
-        few &= part.end - part.first < most
-    last = np.where(few, len(epochs), np.arange(len(epochs)))
+        counts = part.end - part.first
+        values += counts
+        if part.every.ids is not None:
+            plain &= counts == 0
+    last = np.where(plain, len(epochs), numbers)
     ends = np.minimum.accumulate(last[::-1])[::-1]
-    return np.minimum(ends, np.arange(len(epochs)) + MOST_TOGETHER)
+    # an epoch of more values than one call may have is still one
+    before = np.cumsum(values) - values
+    enough = np.maximum(np.searchsorted(before + values, before + MOST_VALUES, "right"), numbers + 1)
+    return np.minimum.reduce([ends, numbers + MOST_TOGETHER, enough])
 
 
 def _taken_together(estimator: Estimator, timeline: Timeline, chosen: slice, rows: GrowingHistory) -> int:

@@ -17,9 +17,9 @@ from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.square_root import (
     MeasurementPrediction,
     compressed,
+    covariance_factor,
     is_lower,
     last_nonzero,
-    triangular_factor,
 )
 
 
@@ -68,10 +68,10 @@ class MultiplicativeUkf(MultiplicativeFilter):
         _, transition, noise = self.process.linearise(self.mean, dt)
         self._make_triangular()
         # X_i <- f(X_i, dt); mean of the tangents about the centre's, deviations about that mean.
-        moved = self.process.step(self.layout.retract(self.mean, self._displace(self._offsets)), dt)
+        moved = self.process.step(self.layout.retract_each(self.mean, self._displace(self._offsets)), dt)
         centre = moved[0]
-        mean = self.layout.retract(centre, self._mean_weights @ self.layout.local(centre, moved))
-        deviations = self._root_weights[:, None] * self.layout.local(mean, moved)
+        mean = self.layout.retract(centre, self._mean_weights @ self.layout.local_each(centre, moved))
+        deviations = self._root_weights[:, None] * self.layout.local_each(mean, moved)
         if self._held is None:
             return LinearisedProcess(mean, transition, noise, deviations.T)
         # Modes and move after the state depend on the factor's coordinates: regress on these, [A | D - A E'].
@@ -86,7 +86,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
         self._make_triangular()
         model = measurement.model
         subset = self._subset(last_nonzero(self.factor[model.columns]))
-        points = self.layout.retract(self.mean, self._displace(subset.offsets))
+        points = self.layout.retract_each(self.mean, self._displace(subset.offsets))
         innovation, valid, log_noise = model.innovations_at(
             points, self.mean, measurement.parameters, measurement.values
         )
@@ -106,7 +106,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
     def _make_triangular(self) -> None:
         """Turn the factor so that the state's rows stand on its first coordinates alone: sigma points are drawn along these."""
         if not (self._held is None or is_lower(self.factor[: self._n])):
-            self.factor = triangular_factor(self.factor.T)
+            self.factor = covariance_factor(self.factor.T)
 
     def _displace(self, offsets: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
         """Errors of the state at offsets in units of the factor's columns."""

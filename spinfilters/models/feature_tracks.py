@@ -355,7 +355,7 @@ def feature_tracks(
             "no landmark is ever visible; move the body into the camera's view (range_m, velocity)"
         )
     landmarks, epochs = every[rows], epochs[rows]
-    values = camera.model.predict(motion.states[epochs], camera.parameters[landmarks])
+    values = camera.model.predict_each(motion.states, epochs, camera.parameters, landmarks)
     values += front_end.pixel_std * np.concatenate(noise)[rows]
     numbers = np.cumsum(enough) - 1
     return FeatureTracks(motion.time[epochs], numbers[landmarks], values, enough.nonzero()[0])

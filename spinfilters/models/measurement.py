@@ -5,9 +5,9 @@ A model of landmarks is also differentiated by, and solved for, the landmark.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from functools import cache, cached_property, reduce
+from functools import cache, cached_property, lru_cache, reduce
 from operator import mul
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -198,6 +198,33 @@ class MeasurementModel(ABC):
         """
         return self._predict(x, parameters)[0]
 
+    def predict_each(
+        self,
+        points: Float[np.ndarray, "f m"],
+        which: Int[np.ndarray, " k"],
+        parameters: Float[np.ndarray, "q p"],
+        accompanying: Int[np.ndarray, " k"],
+    ) -> Float[np.ndarray, "k v"]:
+        """`predict` of values at some of the points with some of the parameters, none of which is copied for each.
+
+        Parameters
+        ----------
+        points : ndarray of float, shape (f, m)
+            Points of the layout.
+        which : ndarray of int, shape (k,)
+            Number of each value's point.
+        parameters : ndarray of float, shape (q, p)
+            What accompanies measurements.
+        accompanying : ndarray of int, shape (k,)
+            Number of each value's parameters.
+
+        Returns
+        -------
+        ndarray of float, shape (k, v)
+            A value for each.
+        """
+        return self._predict_each(points, parameters, rows=(which, accompanying))[0]
+
     def innovations(
         self,
         x: Float[np.ndarray, "*batch m"],
@@ -250,6 +277,8 @@ class MeasurementModel(ABC):
         InnovationsAtPoints
             Whitened innovations of every value at every point; a value is valid where it is at all points.
         """
+        if len(points) * len(measured) >= FEWEST_PAIRS and self._innovations_beside.is_c:
+            return self._innovations_of_pairs(points, x, parameters, measured)
         innovation, valid, log_noise = self._innovations_at(len(points))(points.T, x, parameters, measured)
         innovation = innovation.reshape(len(measured), self.dim, len(points))
         return InnovationsAtPoints(innovation, valid[:, 0] > 0, log_noise[:, 0])
@@ -428,12 +457,45 @@ class MeasurementModel(ABC):
         return self._function("predict", [x, p], [self.symbolic(self.layout.unpack(x), p)])
 
     @built_property
+    def _predict_each(self) -> Vectorised:
+        return Vectorised(self._predict.function)
+
+    @built_property
     def _innovations(self) -> Compiled:
         x, p, z = self._symbols
         state = self.layout.unpack(x)
         return self._function(
             "innovations", [x, p, z], [self.innovation(self.symbolic(state, p), z), self.valid(state, p)]
         )
+
+    def _innovations_of_pairs(
+        self,
+        points: Float[np.ndarray, "p m"],
+        x: Float[np.ndarray, " m"],
+        parameters: Float[np.ndarray, "k p2"],
+        measured: Float[np.ndarray, "k v"],
+    ) -> InnovationsAtPoints:
+        """`innovations_at` by compiled code, every value beside every point."""
+        count, shape = len(points), (len(measured), len(points))
+        at, value = _pairs(*shape)
+        innovation, valid, determinant = self._innovations_beside(
+            points, x[np.newaxis], parameters, measured, rows=(at, None, value, value)
+        )
+        # a row for every pair, those of a value together: the points go behind the components
+        beside = np.ascontiguousarray(innovation.reshape(*shape, self.dim).swapaxes(1, 2))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            log_noise = np.log(determinant[::count, 0])
+        return InnovationsAtPoints(beside, valid.reshape(shape).min(axis=1) > 0, log_noise)
+
+    @built_property
+    def _innovations_beside(self) -> Vectorised:
+        """Whitened innovation and validity at a point, and determinant of the noise factor at another, of many pairs."""
+        x, p, z = self._symbols
+        at, state = ca.SX.sym("at", self.layout.mean_dim), self.layout.unpack(x)
+        factor = ca.SX(self.noise_factor(self.layout.unpack(at), p))
+        away = ca.solve(factor, ca.SX.eye(self.dim)) @ self.innovation(self.symbolic(state, p), z)
+        outputs = [away, self.valid(state, p), _determinant(factor)]
+        return Vectorised(ca.Function(f"{self.name.replace('-', '_')}_beside", [x, at, p, z], outputs))
 
     @cached_property
     def _innovations_at(self) -> Callable[[int], Compiled]:
@@ -496,8 +558,23 @@ class MeasurementModel(ABC):
         return Vectorised(ca.Function(f"{self.name.replace('-', '_')}_linearise", [x, p, z], outputs))
 
 
+FEWEST_PAIRS: Final = 64
+"""Of points and values, from which vector instructions are worth their library."""
+
+
+@lru_cache(maxsize=64)
+def _pairs(values: int, points: int) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
+    """Point and value of every pair, those of a value together."""
+    return np.tile(np.arange(points), values), np.repeat(np.arange(values), points)
+
+
 def _log_determinant(factor: ca.SX) -> ca.SX:
-    return ca.sum1(ca.log(ca.diag(factor)))
+    """One logarithm, not one of every number on the diagonal."""
+    return ca.log(_determinant(factor))
+
+
+def _determinant(factor: ca.SX) -> ca.SX:
+    return reduce(mul, ca.vertsplit(ca.diag(factor)))
 
 
 def row_by_row(matrix: Expression) -> Expression:
@@ -642,8 +719,7 @@ class LandmarkSensor(MeasurementModel):
         return Vectorised(ca.Function(f"{self.name}_observation_innovations", [x, p[:3], p[3:], z], outputs))
 
     def _noise_determinant(self, x: ca.SX, p: ca.SX) -> ca.SX:
-        factor = ca.SX(self.noise_factor(self.layout.unpack(x), p))
-        return reduce(mul, ca.vertsplit(ca.diag(factor)))
+        return _determinant(ca.SX(self.noise_factor(self.layout.unpack(x), p)))
 
     @built_property
     def _linearise_landmarks(self) -> Compiled:

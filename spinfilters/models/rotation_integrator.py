@@ -23,6 +23,7 @@ from spinfilters.core.attitude_expressions import (
 )
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError, SpinfiltersError
+from spinfilters.core.vectorised import VectorisedScan
 from spinfilters.core.working_time import building, built_property
 from spinfilters.io.disturbances import DISTURBANCES, WHITE_FORCE, WHITE_TORQUE, noise_columns, noise_dim
 from spinfilters.models.state_blocks import ACCELERATION, DRAG, LINEAR_DRAG, MASS_DISTRIBUTION, ROTOR, TORQUE
@@ -108,6 +109,33 @@ class RotationSubsteps:
         fine = _repeat(self.substep(), count, start, constants, dt / count)
         coarse = _repeat(self.substep(), count // 2, start, constants, 2 * dt / count)
         return fine, rotation_difference(coarse, fine) / 15
+
+    def step_constants(self) -> ca.Function:
+        """x to the constants of its rotation, in the matrices of `step`, whose products scalars would sum in another order."""
+        x = ca.MX.sym("x", self._layout.mean_dim)
+        constants = rotation_parameters(self._layout, self._layout.unpack(x))
+        return ca.Function("step_constants", [x], [constants])
+
+    def step_scan(self) -> VectorisedScan:
+        """Substeps of many points side by side, to the bits of `step`.
+
+        Inputs: points, the constants of their rotation, and of all of them dt and the duration h of a substep. Outputs: the points
+        after dt, and their rotation (q, w). A turn for every substep, without numbers of its own.
+        """
+        x, p = ca.SX.sym("x", self._layout.mean_dim), ca.SX.sym("p", self._parameter_count)
+        dt, h, y, none = ca.SX.sym("dt"), ca.SX.sym("h"), ca.SX.sym("y", 7), ca.SX.sym("none")
+        values, substep = self._layout.unpack(x), self.substep()
+        moved = self.translated(values, y[:4], y[4:7], dt)
+        return VectorisedScan(
+            ca.Function("begin", [x, p, dt, h], [ca.vertcat(values["q"], values["w"]), p, h]),
+            ca.Function("step_substeps", [y, p, h, none], [substep(y, p, h)]),
+            ca.Function("end", [x, p, dt, h, y], [moved, y]),
+        )
+
+    def step_error(self) -> ca.Function:
+        """(q, w) after coarse and fine substeps to the estimate of the latter's error."""
+        coarse, fine = ca.SX.sym("coarse", 7), ca.SX.sym("fine", 7)
+        return ca.Function("step_error", [coarse, fine], [rotation_difference(coarse, fine) / 15])
 
     def substep(self) -> ca.Function:
         """One substep of Runge-Kutta 4 as a function."""
@@ -361,11 +389,22 @@ class RotationIntegrator:
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after dt > 0 seconds."""
         count = self.first_count(x, dt)
+        together = x.ndim == 2 and len(x) >= FEWEST_TOGETHER and self._scan.is_c
         while True:
-            after, error = self._stepper(count)(x, dt)
+            after, error = self._steps_together(x, dt, count) if together else self._stepper(count)(x, dt)
             if self.good(error, count):
                 return after
             count *= 2
+
+    def _steps_together(
+        self, x: Float[np.ndarray, "k m"], dt: float, count: int
+    ) -> tuple[Float[np.ndarray, "k m"], Float[np.ndarray, "k e"]]:
+        """Points after dt and the estimates of their errors, by vector instructions."""
+        (constants,) = self._step_constants(x)
+        all_of_it, fine_step, coarse_step = (np.array([[each]]) for each in (dt, dt / count, 2 * dt / count))
+        after, fine = self._scan(x, constants, all_of_it, fine_step, each=np.zeros((count, 1)))
+        _, coarse = self._scan(x, constants, all_of_it, coarse_step, each=np.zeros((count // 2, 1)))
+        return after, self._step_error(coarse, fine)[0]
 
     def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
         """Points after dt > 0 seconds, each with its own dt.
@@ -459,6 +498,18 @@ class RotationIntegrator:
     def _build_step(self, count: int) -> Compiled:
         return Compiled(self.expressions.step(count))
 
+    @built_property
+    def _scan(self) -> VectorisedScan:
+        return self.expressions.step_scan()
+
+    @built_property
+    def _step_constants(self) -> Compiled:
+        return Compiled(self.expressions.step_constants())
+
+    @built_property
+    def _step_error(self) -> Compiled:
+        return Compiled(self.expressions.step_error())
+
     def _lineariser(self, count: int) -> Compiled:
         if count not in self._linearisers:
             with building():
@@ -505,6 +556,8 @@ def substeps(turn: float, tolerance: float) -> int:
     return count
 
 
+FEWEST_TOGETHER: Final = 8
+"""Points of one call from which they are stepped side by side."""
 MOST_LIMITS: Final = 6
 """Numbers of substeps whose largest turn is computed beforehand: up to 32 times the fewest."""
 

@@ -14,6 +14,7 @@ from spinfilters.core.attitude_expressions import Expression
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.core.linear_algebra import correlation_root
+from spinfilters.core.vectorised import Vectorised
 from spinfilters.core.working_time import building, built_property
 from spinfilters.models.state_blocks import BLOCKS, RIGID_BODY, PointAndError, StateBlock
 
@@ -297,6 +298,42 @@ class StateLayout:
         """
         return self._local(x, y)[0]
 
+    def retract_each(
+        self, x: Float[np.ndarray, " m"], d: Float[np.ndarray, "k n"]
+    ) -> Float[np.ndarray, "k m"]:
+        """`retract` of one point by many errors, side by side.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (m,)
+            The point.
+        d : ndarray of float, shape (k, n)
+            Errors, such as those of sigma points.
+
+        Returns
+        -------
+        ndarray of float, shape (k, m)
+            Points at these errors.
+        """
+        return _retract_lanes(self)(x[np.newaxis], d, rows=(None, None))[0]
+
+    def local_each(self, x: Float[np.ndarray, " m"], y: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k n"]:
+        """`local` of many points about one, side by side.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (m,)
+            Point from which errors are counted.
+        y : ndarray of float, shape (k, m)
+            Points to which they lead.
+
+        Returns
+        -------
+        ndarray of float, shape (k, n)
+            Errors; that of an attitude goes the short way round.
+        """
+        return _local_lanes(self)(x[np.newaxis], y, rows=(None, None))[0]
+
     def reset_jacobian(self, d: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch n n"]:
         """Derivative of the error about retract(x, d) with respect to the error about x, at d.
 
@@ -385,6 +422,18 @@ def _retract_function(layout: StateLayout) -> Compiled:
 def _local_function(layout: StateLayout) -> Compiled:
     x, y = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("y", layout.mean_dim)
     return Compiled(ca.Function("local", [x, y], [layout.local_expression(x, y)], ["x", "y"], ["d"]))
+
+
+@cache
+@building()
+def _retract_lanes(layout: StateLayout) -> Vectorised:
+    return Vectorised(_retract_function(layout).function)
+
+
+@cache
+@building()
+def _local_lanes(layout: StateLayout) -> Vectorised:
+    return Vectorised(_local_function(layout).function)
 
 
 @cache

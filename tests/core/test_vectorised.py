@@ -51,6 +51,23 @@ def _numbers(count: int) -> tuple[np.ndarray, np.ndarray]:
     return generator.standard_normal((count, 3)), 0.5 + generator.random((count, 2))
 
 
+def _logarithms() -> ca.Function:
+    """Outputs that are logarithms, one that stands twice, and one that is used besides."""
+    x = ca.SX.sym("x", 3)
+    one, used = ca.log(x[0] * x[1]), ca.log(x[2])
+    return ca.Function(
+        "logarithms", [x], [ca.vertcat(x[1], one), used, used * x[0], ca.log(ca.log(1 + x[1]))]
+    )
+
+
+@pytest.mark.parametrize("count", [1, 9, 16])
+def test_logarithms_behind_the_loop_have_the_bits_of_those_within(count: int) -> None:
+    x = _numbers(count)[0] ** 2
+    vectorised, plain = Vectorised(_logarithms()), Compiled.interpreted(_logarithms())
+    for found, expected in zip(vectorised(x, rows=(None,)), plain(x), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 16, 61])
 def test_vectorised_functions_give_the_bits_of_the_virtual_machine(count: int) -> None:
     vectorised, plain = Vectorised(_mixed()), Compiled.interpreted(_mixed())

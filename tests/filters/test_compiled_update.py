@@ -13,6 +13,7 @@ from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.filter import LinearisedProcess, PredictedMeasurement, propagate_factor
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.filters.square_root import covariance_factor, triangular_factor
 from spinfilters.models.state_layout import Gaussian
 from tests.filters.filter_samples import FULL, PROCESS, embedded
 
@@ -139,3 +140,31 @@ def test_a_subclass_with_its_own_correction_is_not_bypassed_by_compiled_code():
     before = filtering.belief
     filtering.update(embedded(0).timeline[0].measurements[0])
     np.testing.assert_array_equal(filtering.belief.mean, before.mean)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 63, 64, 65, 200])
+@pytest.mark.parametrize("size", [1, 7, 16, 17, 24, 25, 40, 41, 64, 65])
+def test_a_compiled_factor_is_that_of_lapack_with_a_diagonal_that_is_not_negative(
+    size: int, count: int
+) -> None:
+    rows = np.random.default_rng(size).standard_normal((count, size))
+    wide = np.zeros((count, 2 * size))
+    wide[:, ::2] = rows
+    for given in (rows, np.asfortranarray(rows), wide[:, ::2], rows[::-1]):
+        L, reference = covariance_factor(given), triangular_factor(rows)
+        assert (L.diagonal() >= 0).all()
+        assert not np.triu(L, 1).any()
+        np.testing.assert_allclose(L @ L.T, reference @ reference.T, rtol=1e-12, atol=1e-12 * max(count, 1))
+
+
+def test_a_factor_keeps_directions_a_million_times_smaller_than_others() -> None:
+    scales = np.logspace(0, -12, 20)
+    rows = scales * np.random.default_rng(0).standard_normal((50, 20))
+    L, reference = covariance_factor(rows), triangular_factor(rows)
+    np.testing.assert_allclose(L, np.where(reference.diagonal() < 0, -reference, reference), rtol=1e-9)
+
+
+def test_a_factor_of_numbers_that_are_none_is_not_finite() -> None:
+    rows = np.eye(20)
+    rows[3, 4] = np.nan
+    assert np.isnan(covariance_factor(rows)).any()

@@ -1,5 +1,6 @@
 """Runs of epochs in one call give the numbers of single epochs."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -7,11 +8,13 @@ import numpy as np
 import pytest
 
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.filters import timeline as loop
 from spinfilters.filters.compiled_steps import compiled_propagation
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.filters.noise_levels import NoiseScale
 from spinfilters.filters.timeline import LogTimeline, SensorNoise, Timeline, build_timeline, run
+from spinfilters.inference.setup import camera_view
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
@@ -24,7 +27,12 @@ SAMPLES = {
         Scenario(kind="pose", epochs=12, interval=0.5, rate_rpm=RICH_RPM, beside=(("gyro", 0.02),)),
         FULL,
     ),
+    "tracks of a known map": (
+        Scenario.simplified(epochs=12, landmarks=300, rate_rpm=RICH_RPM, beside=(("gyro", 0.1),)),
+        FULL,
+    ),
 }
+TRACKS = "tracks of a known map"
 needs_compiler = pytest.mark.skipif(compiled_propagation(11) is None, reason="no compiled code")
 
 
@@ -34,7 +42,8 @@ def sample(name: str) -> tuple[LogTimeline, Gaussian]:
     scenario, layout = SAMPLES[name]
     dataset = simulate(scenario)
     assert dataset.truth is not None
-    timeline = build_timeline(dataset.log, layout, SensorNoise())
+    noise = SensorNoise(gyro_noise_std=scenario.gyro_std, pixel_std=1.0)
+    timeline = build_timeline(dataset.log, layout, noise, camera_view(dataset))
     assert isinstance(timeline, LogTimeline)
     return timeline, Gaussian(layout, true_states(dataset.truth, layout)[0], 0.01 * np.eye(layout.error_dim))
 
@@ -82,6 +91,76 @@ def test_a_rejected_value_is_left_to_a_single_epoch(value: float) -> None:
     values[[300, 700, 701, 702, 703, 704]] = value
     every = replace(part.every, values=values)
     require_same(replace(timeline, sensors=(replace(part, every=every),)), belief)
+
+
+def changed_tracks(change: Callable[[np.ndarray, slice, slice], None]) -> tuple[LogTimeline, Gaussian]:
+    """Epochs whose pixels a function changes, given them and the rows of the sixth image and of the one before."""
+    timeline, belief = sample(TRACKS)
+    number = next(k for k, part in enumerate(timeline.sensors) if part.every.model.name == "stereo")
+    part = timeline.sensors[number]
+    values = part.every.values.copy()
+    measured = np.flatnonzero(part.end > part.first)[4:6]
+    before, rows = (slice(int(part.first[k]), int(part.end[k])) for k in measured)
+    change(values, rows, before)
+    sensors = list(timeline.sensors)
+    sensors[number] = replace(part, every=replace(part.every, values=values))
+    return replace(timeline, sensors=tuple(sensors)), belief
+
+
+def repeat_image(values: np.ndarray, rows: slice, before: slice) -> None:
+    """The image before again, as far as it goes."""
+    count = min(rows.stop - rows.start, before.stop - before.start)
+    values[rows.start : rows.start + count] = values[before.start : before.start + count]
+
+
+def repeat_one_value(values: np.ndarray, rows: slice, before: slice) -> None:
+    """One value by chance."""
+    values[rows.start] = values[before.start]
+
+
+def mistake_a_tenth(values: np.ndarray, rows: slice, before: slice) -> None:
+    """Wrong associations."""
+    values[rows][::10] += 40.0
+
+
+def mistake_most(values: np.ndarray, rows: slice, before: slice) -> None:
+    """So many wrong ones that the state is doubted."""
+    values[rows][: 9 * (rows.stop - rows.start) // 10] += 40.0
+
+
+def spoil_one_value(values: np.ndarray, rows: slice, before: slice) -> None:
+    """A number that is none."""
+    values[rows.start + 3] = np.nan
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "change", [repeat_image, repeat_one_value, mistake_a_tenth, mistake_most, spoil_one_value]
+)
+def test_an_unusual_image_gives_the_numbers_of_single_epochs(
+    change: Callable[[np.ndarray, slice, slice], None],
+) -> None:
+    require_same(*changed_tracks(change))
+
+
+@needs_compiler
+def test_a_vague_belief_is_updated_by_iteration_in_the_same_epochs() -> None:
+    timeline, belief = sample(TRACKS)
+    require_same(timeline, replace(belief, factor=10 * belief.factor))
+
+
+def test_a_call_takes_in_no_more_values_than_its_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    timeline, belief = sample(TRACKS)
+    few = timeline[1:]
+    values = np.sum([part.end[1:] - part.first[1:] for part in timeline.sensors], axis=0)
+    assert isinstance(few, LogTimeline)
+    monkeypatch.setattr(loop, "MOST_VALUES", 400)
+    ends, numbers = loop.ends_of_runs(few), np.arange(len(few))
+    assert all(
+        end == k + 1 or values[k:end].sum() <= 400 for k, end in zip(numbers, ends.tolist(), strict=True)
+    )
+    assert (ends > numbers + 1).any()
+    require_same(timeline, belief)
 
 
 @needs_compiler

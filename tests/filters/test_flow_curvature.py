@@ -94,6 +94,21 @@ def test_a_belief_of_a_known_body_stays_as_it_is() -> None:
     )
 
 
+def test_bends_of_a_spin_about_an_axis_are_seldom_computed() -> None:
+    """They are zero, however little is known of the moments about the axis and across it."""
+    axis = np.array([0.0, 0.0, 3.0])
+    mean, factor, stretches = FULL.origin(), np.diag(STD), 0
+    mean[FULL.mean_slice("w")] = axis
+    factor[FULL.slice("s").start + 2 :] *= 1e-4  # of the products of inertia
+    curvature, dt = FlowCurvature(TURN), np.full(1, 0.2)
+    for _ in range(600):  # 360 rad
+        before = curvature.snapshot()[LEFT][0]
+        assert curvature.widened(UNDISTURBED, mean, factor, 0.2) is factor
+        stretches += curvature.snapshot()[LEFT][0] != before
+        curvature.pass_steps(dt)
+    assert stretches < 15
+
+
 def test_runs_of_epochs_and_single_epochs_are_widened_alike() -> None:
     timeline, belief, _ = poses(1)
     means = []

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.filters import timeline as loop
+from spinfilters.filters.compiled_steps import compiled_propagation
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Estimator, Measurement, UpdateReport
 from spinfilters.filters.history import EPOCH_ARRAYS, GrowingHistory
@@ -24,6 +26,11 @@ def rest() -> Timeline:
 def begin() -> float:
     """Time of the start's last epoch, s."""
     return embedded(0).timeline[START.epochs - 1].time
+
+
+def is_compiled() -> bool:
+    """Whether several epochs may be taken in by one call."""
+    return compiled_propagation(FULL.error_dim) is not None
 
 
 def ekf() -> Estimator:
@@ -55,15 +62,20 @@ def test_a_run_in_two_parts_is_the_run_in_one() -> None:
         np.testing.assert_array_equal(getattr(both, name), getattr(whole, name), strict=True)
 
 
-def test_on_epoch_finds_the_epoch_among_the_rows() -> None:
+@pytest.mark.parametrize("together", [1, 5, COUNT])
+def test_on_epoch_finds_the_epoch_among_the_rows(together: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop, "MOST_TOGETHER", together)
     rows, seen = GrowingHistory(FULL, begin()), []
     assert rows.belief is None
     run(ekf(), begin(), rest(), lambda index: seen.append((index, len(rows), rows.time)), rows)
-    assert seen == [(k, k + 1, rest()[k].time) for k in range(COUNT)]
+    last = [*range(together - 1, COUNT, together), COUNT - 1]
+    assert seen == [(k, k + 1, rest()[k].time) for k in sorted({*last} if is_compiled() else {*range(COUNT)})]
     assert rows.belief is not None
 
 
-def test_ctrl_c_counts_the_epochs_done_before_too() -> None:
+def test_ctrl_c_counts_the_epochs_done_before_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loop, "MOST_TOGETHER", 1)
+
     def press(index: int) -> None:
         if index == 2:
             raise KeyboardInterrupt

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.measurement import FEWEST_PAIRS, MeasurementModel
 
 STEP = 1e-6
 """Of central differences, m, rad, m/s, rad/s: truncation and rounding meet near 1e-9 of a unit's derivative."""
@@ -113,6 +113,13 @@ def _check_many_points(
         np.testing.assert_allclose(innovation[..., k], expected, rtol=1e-12, atol=ROUNDING)
     assert valid.all()
     np.testing.assert_allclose(log_noise, model.linearise(points[0], parameters, measured).log_noise)
+    # so many that compiled code takes them side by side
+    times = -(-FEWEST_PAIRS // (len(points) * len(parameters)))
+    repeated = np.tile(parameters, (times, 1)), np.tile(measured, (times, 1))
+    many = model.innovations_at(points, points[0], *repeated)
+    np.testing.assert_allclose(many.innovation[-len(parameters) :], innovation, rtol=1e-12, atol=ROUNDING)
+    np.testing.assert_allclose(many.log_noise[-len(parameters) :], log_noise, rtol=1e-12, atol=ROUNDING)
+    assert many.valid.all()
 
 
 def _check_not_finite_values_stay_alone(

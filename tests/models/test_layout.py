@@ -32,6 +32,15 @@ def test_local_undoes_retract(layout: StateLayout, size: float) -> None:
         np.testing.assert_allclose(layout.local(x, layout.retract(x, d)), d, atol=2e-13 * max(1, size / 1e-2))
 
 
+@pytest.mark.parametrize("layout", [ROTATION, FULL, EVERY_BLOCK], ids=lambda layout: "".join(layout.blocks))
+def test_errors_side_by_side_have_the_bits_of_each_by_itself(layout: StateLayout) -> None:
+    generator = np.random.default_rng(5)
+    x, d = _point(layout, generator), generator.standard_normal((41, layout.error_dim))
+    y = layout.retract_each(x, d)
+    np.testing.assert_array_equal(y, [layout.retract(x, each) for each in d])
+    np.testing.assert_array_equal(layout.local_each(x, y), [layout.local(x, each) for each in y])
+
+
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: "".join(layout.blocks))
 def test_retract_undoes_local(layout: StateLayout) -> None:
     generator = np.random.default_rng(2)

@@ -190,3 +190,13 @@ def _energy(x: np.ndarray) -> float:
 def _centre(x: np.ndarray) -> np.ndarray:
     c = x[FULL.mean_slice("c")]
     return x[FULL.mean_slice("t")] + matrix_from_quaternion(x[FULL.mean_slice("a")]) @ c
+
+
+def test_many_points_side_by_side_are_stepped_as_each_by_itself() -> None:
+    layout = StateLayout(FULL_BLOCKS)
+    process, generator = TorqueFreeProcess(layout, ProcessNoise()), np.random.default_rng(0)
+    points = layout.retract(layout.origin(), 0.3 * generator.standard_normal((41, layout.error_dim)))
+    for dt in (0.01, 0.5, 3.0):
+        together = process.step(points, dt)
+        np.testing.assert_allclose(together, [process.step(x, dt) for x in points], rtol=1e-8, atol=1e-8)
+        np.testing.assert_array_equal(together, process.steps(points, np.full(len(points), dt)))
