@@ -1,6 +1,6 @@
 """Filters and smoother that begin from a stated belief: NEES with its band over draws.
 
-    python -m experiments.stated_beliefs [--draws 100] [--first 0] [--sensors pose,gyro] [--frames 60] [-o FILE]
+    python -m experiments.stated_beliefs [--draws 100] [--first 0] [--sensors pose,gyro] [--frames 60] [--pixel-std 1] [-o FILE]
 
 Every draw has a recording and a belief of its own, whose error is drawn about the truth with the stated deviations
 (``initialisation.from_truth``). The noise is stated. The table has the mean NEES per degree of freedom at the second and the last
@@ -39,9 +39,10 @@ COVERAGE: Final = 0.99
 """Of the band of a mean."""
 
 
-def rows_of(seed: int, sensor: str, frames: int) -> Iterator[dict[str, Any]]:
+def rows_of(seed: int, sensor: str, frames: int, pixel_std: float) -> Iterator[dict[str, Any]]:
     """A row for each estimator of one draw."""
-    dataset = without_map(simulate(Scenario(kind=sensor, seed=seed, epochs=frames, rate_rpm=RATE_RPM)))
+    scenario = Scenario(kind=sensor, seed=seed, epochs=frames, rate_rpm=RATE_RPM, pixel_std=pixel_std)
+    dataset = without_map(simulate(scenario))
     std, estimators = dict(STD), ESTIMATORS
     if maps_landmarks(dataset):  # the first pose defines g, and smoothers begin otherwise
         std = {name: value for name, value in STD.items() if name not in POSE_WORDS}
@@ -79,13 +80,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--sensors", default="pose,gyro")
     parser.add_argument("--frames", type=int, default=60, help="epochs of a recording")
+    parser.add_argument("--pixel-std", type=float, default=1.0, help="of tracks, px")
     parser.add_argument("-o", "--output", type=Path, default=None)
     options = parser.parse_args(arguments)
     seeds = range(options.first, options.first + options.draws)
     rows: list[dict[str, Any]] = []
     for sensor in options.sensors.split(","):
         rows += rows_of_seeds(
-            lambda seed, of=sensor: rows_of(seed, of, options.frames), seeds, options.output
+            lambda seed, of=sensor: rows_of(seed, of, options.frames, options.pixel_std),
+            seeds,
+            options.output,
         )
     for line in lines_of(rows):
         print(line)

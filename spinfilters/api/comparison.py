@@ -542,7 +542,7 @@ def compare(
     rate : float or None
         Samples a second, Hz, of a table without a clock.
     topic : str or None
-        Of a ROS bag.
+        Of a ROS bag; a body of a table, or a segment of an Xsens MVN.
     columns : str or None
         Names of the columns of a table without a header.
     rig : str or None

@@ -77,7 +77,7 @@ def load(
     rate : float or None
         Samples a second, Hz, of a table without a clock.
     topic : str or None
-        Of a ROS bag; of images two with a comma, left first.
+        Of a ROS bag; of images two with a comma, left first. Also a body of a table, or a segment of an Xsens MVN.
     columns : str or None
         Names of the columns of a table without a header, such as "t,x,y,z".
     rig : str or None

@@ -335,6 +335,8 @@ def _json(path: Path, _stated: Sequence[str]) -> ArrayColumns:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path_text(path)}: is not JSON ({reason(error)}); export it again") from None
     if isinstance(document, dict):
+        if isinstance(document.get("payload"), dict):
+            return _edge_impulse(path, document["payload"])
         return _columns_of(path, {name: v for name, v in document.items() if isinstance(v, list)})
     if not isinstance(document, list) or not all(isinstance(row, dict) for row in document):
         raise InputError(f"{path_text(path)}: is no list of rows with names; export a table")
@@ -349,6 +351,19 @@ def _json(path: Path, _stated: Sequence[str]) -> ArrayColumns:
     names = [name for name in names if not (has_seconds and name == "time")]
     columns = {name: np.array([row.get(name) for row in rows], dtype=object) for name in names}
     return array_columns(columns, path)
+
+
+def _edge_impulse(path: Path, payload: Mapping[str, Any]) -> ArrayColumns:
+    """Columns of Edge Impulse: names and units of its sensors, a row of values every interval. InputError: other contents."""
+    try:
+        names = [f"{each['name']} ({each['units']})" for each in payload["sensors"]]
+        values = np.array(payload["values"], dtype=np.float64).reshape(-1, len(names))
+        time = 1e-3 * float(payload["interval_ms"]) * np.arange(len(values))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"{path_text(path)}: lacks sensors, values or interval_ms ({reason(error)}); export it again"
+        ) from None
+    return array_columns({"time (s)": time, **dict(zip(names, values.T, strict=True))}, path)
 
 
 def _flat_row(row: Mapping[str, Any], before: str = "") -> dict[str, Any]:

@@ -22,6 +22,15 @@ _SPELLED: Final = (
     (re.compile(r"^(?:Uncal)?Gyro([XYZ])RadPerSec$"), r"gyro_\1 (rad/s)"),  # GnssLogger
     (re.compile(r"^(?:Uncal)?Accel([XYZ])Mps2$"), r"acc_\1 (m/s^2)"),
     (re.compile(r"^SampleTimeFine$"), "time (xsensticks)"),
+    (re.compile(r"^(?:.*\.)?pqr\[([012])\]$"), r"omega[\1]"),  # Inertial Sense, rad/s
+    (re.compile(r"^(?:.*\.)?w_a\[([123])\]$"), r"omega(\1)"),  # bodies of Modelica, in their own axes
+    (re.compile(r"^ω([123])\b(.*)$"), r"omega(\1)\2"),  # RocketPy
+    (re.compile(r"^([XYZ])_value$"), r"\1"),  # Sensor Kinetics
+    (re.compile(r"^Angular Velocity ?- ?([xyz]) \(rad/s\) Run #\d+$", re.IGNORECASE), r"omega_\1"),  # PASCO
+    (re.compile(r"^Time \(s\) Run #\d+$"), "time (s)"),
+    (re.compile(r"^Time \(UTCG\)$"), "time"),  # reports of STK
+    (re.compile(r"^Time \(EpSec\)$"), "time (s)"),
+    (re.compile(r"^field\.vector\.([xyz])$"), r"\1"),  # Vector3Stamped of rostopic echo -p
     (re.compile(r"^sys\.exec\.out\.time\b(.*)$"), r"time\1"),  # Trick
     (re.compile(r"^[\w.\[\]]+\.(\w+\[[012]\] \{[^{}]*\})$"), r"\1"),
     (re.compile(r"^(?:.*:)?([XYZ])-axis (gyro|acceleration)(?: \d+)?\b(.*)$"), r"\2_\1\3"),  # Vernier
@@ -120,6 +129,9 @@ def _of_devices(names: Sequence[str], found: list[str]) -> list[str]:
     """Names whose meaning and unit only the others in the header show."""
     if "motionRotationRateX(rad/s)" in names:  # of a phone, which makes it and the quaternion from the gyro's
         found = ["" if name.startswith(("gyroRotation", "motionQuaternion")) else name for name in found]
+    if "PacketCounter" in names:  # Xsens, scalar first
+        scalar_first = {f"Quat_q{k}": f"q{axis}" for k, axis in enumerate("wxyz")}
+        found = [scalar_first.get(name, name) for name in found]
     if {"Face", "State"} <= set(names):  # NDI, mm
         found = [f"{name} (mm)" if name in ("Tx", "Ty", "Tz") else name for name in found]
     if set(_MAVLINK) <= set(

@@ -44,7 +44,7 @@ class MotionFileReader(StatedReader):
         suffix = path.suffix.lower()
         if path.name in _parts() or os.path.isdir(path):
             return False
-        return suffix in _SUFFIXES or (suffix in _TEXTS and not _is_poses_alone(path))
+        return suffix in _SUFFIXES or (suffix in _TEXTS and not (suffix == ".txt" and _is_poses_alone(path)))
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the table; its columns are known by their names, those of KITTI's poses by their number."""

@@ -246,7 +246,7 @@ class ReadingOptions:
     rate : float or None
         Samples a second, Hz, in place of a clock.
     topic : str or None
-        Of a ROS bag.
+        Of a ROS bag; or body of a table, segment of an Xsens MVN, sensor of a table of several.
     columns : str or None
         Names of the columns of a table, with commas, in place of its header; ``-`` leaves one out.
     rig : str or None
@@ -280,7 +280,7 @@ class ReadingOptions:
     topic: Annotated[
         str | None,
         Argument(
-            "topic of a ROS bag with several that can be read; of images two with a comma, left first",
+            "one of several: topic of a ROS bag (of images two with a comma, left first), or body of a table",
             metavar="NAME",
             cure="the name of a topic",
         ),

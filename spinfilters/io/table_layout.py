@@ -95,9 +95,14 @@ class TableLayout:
         """A line without its break and its comment; empty where no cells are left."""
         text = line.rstrip("\r\n")
         if self.comment is not None:
-            text = "" if text.lstrip().startswith(self.comments) else text.split(self.comment, 1)[0]
+            text = "" if text.lstrip().startswith(self.comments) else self._without_comment(text)
             return text if text.strip(" \t;,|") else ""
         return text if text.strip() else ""
+
+    def _without_comment(self, text: str) -> str:
+        """A line in front of its comment; a mark within quotes begins none."""
+        front = text.split(self.comment, 1)[0]
+        return text if self.quote is not None and front.count(self.quote) % 2 else front
 
     def cells(self, text: str) -> list[str]:
         """Cells of a line's content, without quotes and blanks around them, with points as decimal marks.
@@ -337,6 +342,7 @@ def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | Non
         ]
         length = _stated_length(lines)
         names = [f"{name} ({length})" if length and name.startswith("Position ") else name for name in names]
+        names = _with_bodies(rows, names)
     names = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
     return TableLayout(
         tuple(names),
@@ -344,6 +350,20 @@ def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | Non
         delimiter=delimiter,
         decimal_comma=_has_decimal_comma(delimiter, row),
     )
+
+
+def _with_bodies(rows: Sequence[Sequence[str]], names: Sequence[str]) -> list[str]:
+    """Names of columns with that of their body in front, where Motive lists several."""
+    bodies = next((each for each in rows if "Name" in each[:2]), None)
+    if (
+        bodies is None
+        or len({body for body, name in zip(bodies, names, strict=True) if body and name} - {"Name"}) < 2
+    ):
+        return list(names)
+    return [
+        f"{body} {name}" if body and body != "Name" and name else name
+        for body, name in zip(bodies, names, strict=True)
+    ]
 
 
 def _split(line: str, delimiter: str) -> list[str]:
@@ -394,7 +414,7 @@ def _has_stated(line: str, names: Sequence[str]) -> bool:
     return (
         len(cells) == len(names) + _ends_empty(line, delimiter)
         and bool(chosen)
-        and all(map(_is_numbers, chosen))
+        and all(_is_numbers(cell) or seconds_of_clock(cell) is not None for cell in chosen)
     )
 
 

@@ -124,6 +124,18 @@ def test_a_recording_without_an_estimate_is_counted_and_not_made_again(maker: Ma
     assert "2 of 3 draws" in page
 
 
+def test_draws_have_seeds_from_the_first_on(maker: Maker, tmp_path: Path) -> None:
+    assert calibrate(tmp_path, 1) == 0
+    command = ["calibration", "gyro", "--estimators", "mekf", "-o", str(tmp_path), "--draws", "2"]
+    assert main([*command, "--first", "7"]) == 0
+    assert maker.seeds == [0, 7, 8]
+    assert json.loads((tmp_path / RESULT_FILE).read_text())["draws"] == {
+        "asked": 3,
+        "made": 3,
+        "without_estimate": 0,
+    }
+
+
 def test_a_seed_that_lacks_an_estimator_is_made_again_and_counts_once(maker: Maker, tmp_path: Path) -> None:
     assert calibrate(tmp_path, 2, estimators="mekf,ukf") == 0
     add_draw(tmp_path, STUDY, 2, [replace(DRAW, seed=2)])

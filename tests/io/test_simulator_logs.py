@@ -1,5 +1,6 @@
 """Logs of simulators, flight controllers and inertial units whose headers, factors or neighbours say what their names do not."""
 
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -147,7 +148,47 @@ SECONDS = [f"{t:g} sec" for t in TIME]
 MILLISECONDS = (12000 + 1000 * TIME).round().astype(int)
 STILL = [0, 0, 0, 0, 0, 0, 1]
 
+MOTIVE = "Format Version,1.24,Rotation Type,Quaternion,Length Units,Meters\n\n,Type," + ",".join(
+    ["Rigid Body"] * 14
+)
+MOTIVE += (
+    "\n,Name,"
+    + ",".join(["Table"] * 7 + ["Cube"] * 7)
+    + "\n,,"
+    + ",".join((["Rotation"] * 4 + ["Position"] * 3) * 2)
+)
+MOTIVE += "\nFrame,Time (Seconds)," + ",".join("XYZWXYZ" * 2)
+PASCO = ['"Time (s) Run #1"', *(f'"Angular Velocity - {axis} (rad/s) Run #1"' for axis in "xyz")]
+
+
+def edge_impulse(folder: Path) -> Path:
+    sensors = [{"name": f"gyr{axis}", "units": "deg/s"} for axis in "XYZ"]
+    path = folder / "walk.json"
+    path.write_text(
+        json.dumps({"payload": {"interval_ms": 20, "sensors": sensors, "values": DEGREES.tolist()}})
+    )
+    return path
+
+
 AS_IT_IS: dict[str, Callable[[Path], Path]] = {
+    "Edge Impulse": edge_impulse,
+    "quaternion of Xsens": table(
+        "x.csv",
+        "PacketCounter,SampleTimeFine,Quat_q0,Quat_q1,Quat_q2,Quat_q3",
+        range(COUNT),
+        range(0, 200 * COUNT, 200),
+        WXYZ,
+    ),
+    "report of STK": table(
+        "k.csv",
+        '"Time (UTCG)","wx (deg/sec)","wy (deg/sec)","wz (deg/sec)"',
+        [f"1 Jul 2020 00:00:0{t:.3f}" for t in TIME],
+        *DEGREES.astype(str).T,
+    ),
+    "PASCO": table("p.csv", ",".join(PASCO), TIME, RATES),
+    "Inertial Sense": table("i.csv", "time,I[0].pqr[0],I[0].pqr[1],I[0].pqr[2],I[0].acc[0]", TIME, RATES, 0),
+    "Modelica": table("m.csv", '"time","body.w_a[1]","body.w_a[2]","body.w_a[3]"', TIME, RATES),
+    "RocketPy": table("r.csv", "# Time (s),ω1 (rad/s),ω2 (rad/s),ω3 (rad/s)", TIME, RATES),
     "KITTI's poses and times": kitti,
     "one segment of Xsens MVN": mvnx,
     "attitudes of CCSDS in XML": aem_xml,
@@ -211,6 +252,31 @@ def test_a_log_is_read_as_it_is(case: str, tmp_path: Path) -> None:
 
 
 WITH_A_HINT: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
+    "two bodies of Motive": (
+        table("take.csv", MOTIVE, range(COUNT), TIME, 0, 0, 0, 1, 0, 0, 0, TURN, PLACE),
+        {"topic": "Cube"},
+        "'Table', 'Cube'",
+    ),
+    "Sensor Kinetics": (
+        table("gyroscope.csv", "time,X_value,Y_value,Z_value", TIME, RATES),
+        {"unit": "rad/s"},
+        "--unit",
+    ),
+    "dates without a header": (
+        lambda folder: text(
+            folder / "ck.txt",
+            "",
+            [(f"2004-05-06T10:00:0{t:.3f}", *q) for t, q in zip(TIME, WXYZ, strict=True)],
+            " ",
+        ),
+        {"columns": "t,qw,qx,qy,qz"},
+        "clock",
+    ),
+    "eight numbers that are no pose": (
+        lambda folder: text(folder / "t.dat", "", np.column_stack([TIME, WXYZ, RATES]).tolist(), "\t"),
+        {"columns": "t,qw,qx,qy,qz,-,-,-"},
+        "not 1 as a unit quaternion",
+    ),
     "two segments": (
         lambda folder: mvnx(folder, ("Pelvis", "Prop1")),
         {"topic": "Prop1"},

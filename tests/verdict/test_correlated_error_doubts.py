@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from spinfilters.campaigns.row_columns import result_columns
+from spinfilters.evaluation.comparison_table import INTERVAL_CAPTION, comparison_cells
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.status import Finding, Verdict
 from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.run.preparation import prepare
+from spinfilters.run.run_summary import interval_document
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.measurement_faults import with_gauss_markov_errors
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
@@ -127,6 +129,13 @@ def test_deviations_of_a_gyro_hold_with_errors_that_may_be_correlated() -> None:
     half_widths, std = evaluation.intervals["rate_rad_s"], evaluation.deviation_parts["rate_rad_s"].random
     assert (np.diff(half_widths, axis=0) > 0).all()
     assert (half_widths[0] < 0.6745 * std).all()
+    document = interval_document(evaluation)
+    assert document is not None
+    assert list(document["rate_rad_s"].values()) == half_widths.tolist()
+    assert list(document["rate_rad_s"]) == ["50", "80", "95"]
+    cells = comparison_cells([evaluation])
+    assert "rate: 95 % within ± [deg/s]" in {row[0] for section in cells.sections for row in section}
+    assert INTERVAL_CAPTION in cells.captions
 
 
 def test_moments_that_only_white_errors_determine_are_not_determined(monkeypatch: pytest.MonkeyPatch) -> None:
