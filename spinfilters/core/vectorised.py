@@ -422,6 +422,11 @@ class VectorisedScan:
         """Whether calls run generated C. Compiles on first use."""
         return self._library is not None
 
+    @built_property
+    def loop(self) -> int | None:
+        """Address of the compiled loop, for other compiled code to call; None where there is none."""
+        return self._library and ctypes.cast(self._library.spinfilters_lanes, ctypes.c_void_p).value
+
     def _interpreted(self, arguments: list[np.ndarray], each: np.ndarray) -> tuple[np.ndarray, ...]:
         begin, turn, end = self._plain
         x, *same = begin(*arguments)

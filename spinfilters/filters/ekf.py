@@ -20,12 +20,12 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.filters.compiled_steps import MOST_NOISE, Update, compiled_update
+from spinfilters.filters.compiled_steps import Update, compiled_update
 from spinfilters.filters.epoch_run import (
     RunOptions,
-    SensorLevel,
     compiled_loops,
     rows_of_runs,
+    run_options,
     take_in,
     take_in_runs,
 )
@@ -170,33 +170,10 @@ class MultiplicativeEkf(FirstOrderFilter):
         int
             How many epochs were taken in; the next one needs `predict` and `update`.
         """
-        models = [part.every.model for part in epochs.sensors]
-        names = [model.name for model in models]
-        count = min(len(epochs.dt), self._adaptation.constant_predictions(names))
-        if self._held is not None or not count:
-            return 0
-        self.factor = self._curvature.widened(self.process, self.mean, self.factor, float(epochs.dt[0]))
-        count = min(count, self._curvature.steps_in_stretch(epochs.dt))
-        guards = [self._outliers.of(name) for name in names]
-        parts = tuple(
-            replace(part, first=part.first[:count], end=part.end[:count]) for part in epochs.sensors
+        options = self._run_options([part.every.model for part in epochs.sensors])
+        return self.take_in_together(
+            epochs, rows, lambda run: take_in(self.process, self.mean, self.factor, run, options, rows)
         )
-        run = EpochRun(epochs.dt[:count], parts)
-        done = take_in(self.process, self.mean, self.factor, run, self._run_options(models), rows)
-        if done:
-            self.mean, self.factor = rows["mean"][done - 1].copy(), rows["factor"][done - 1].copy()
-            self._adaptation.count_predictions(done)
-            self._curvature.pass_steps(epochs.dt[:done])
-            for part, guard in zip(parts, guards, strict=True):
-                measured = np.flatnonzero(part.end[:done] > part.first[:done])
-                if not measured.size:
-                    guard.epochs.pass_time()
-                    continue
-                last = int(measured[-1])
-                values = slice(int(part.first[last]), int(part.end[last]))
-                keys = part.every.parameters[values, : part.every.model.known_by]
-                guard.remember(keys, part.every.values[values], time_passed=last < done - 1)
-        return done
 
     def take_in_runs(
         self, epochs: EpochRun, mean: Float[np.ndarray, "r m"], factor: Float[np.ndarray, "r n n"]
@@ -250,13 +227,7 @@ class MultiplicativeEkf(FirstOrderFilter):
 
     def _run_options(self, models: Sequence[MeasurementModel]) -> RunOptions:
         """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""
-        noise = self._adaptation
-        guards = [self._outliers.of(model.name) for model in models]
-        levels = tuple(
-            SensorLevel(noise.measurement_scale(model.name), guard.limit(model.dim), guard.epochs.values)
-            for model, guard in zip(models, guards, strict=True)
-        )
-        return RunOptions(noise.scaled(self.layout, np.ones((1, MOST_NOISE)))[0], levels, self._iteration)
+        return run_options(self.layout, self._adaptation, self._outliers, models, self._iteration)
 
     def correct_by_landmarks(
         self, observations: MapObservations, outliers: SensorOutlierRejection

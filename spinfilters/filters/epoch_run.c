@@ -23,6 +23,24 @@ typedef integer Update(const Model*, integer count, const double* x, const doubl
                        double limit, const double* before, double* room, double* made);
 typedef void Propagate(const double* factor, const double* transition, const double* noise, integer count, double* after);
 
+/* The loop of a `VectorisedScan`, and `triangle` of `triangle.c`. */
+typedef void Scan(integer count, const double* const* from, const integer* width, const integer* const* rows, double* const* to,
+                  integer turns, const double* each);
+typedef void Triangle(const double* rows, integer count, integer n, integer down, integer along, double* L);
+
+/* Sigma points of an unscented filter: `points` offsets from the mean in columns of the factor, with their weights; the state's
+ * retraction and error of many points; steps of `constants` numbers a point in fewest << j substeps, with their error. */
+typedef struct {
+  integer points, constants, fewest;
+  const double *offsets, *mean_weights, *root_weights;
+  Sighted *retract, *local;
+  Loop* find_constants;
+  Scan* step;
+  Loop* step_error;
+  Triangle* triangle;
+  const double* nothing; /* the numbers of a substep: none, as many zeros as there may be substeps */
+} Sigma;
+
 /* A sensor, with its values and their parameters; epoch k has those from first[k] to before end[k]. `before` are the values that
  * it measured last, in front of all epochs. */
 typedef struct {
@@ -34,6 +52,7 @@ typedef struct {
   integer before_count;
   double weight, limit;
   integer columns;
+  Sighted* beside; /* innovations at sigma points, of an unscented filter */
 } Sensor;
 
 /* The filter: numbers of an error and of a point; the process, linearised by loops[j] up to a turn of limits[j] (rad), to this
@@ -47,6 +66,7 @@ typedef struct {
   Propagate* propagate;
   integer attitude, position, place, rate;
   double iteration, nearest;
+  const Sigma* sigma; /* of an unscented filter, else none */
 } Filter;
 
 /* What epochs leave behind, a row each (`EPOCH_ARRAYS`). */
@@ -67,32 +87,141 @@ static int all_finite(const double* x, integer count) {
   return 1;
 }
 
-/* `predict`: x and S are replaced; 0 where the step needs more substeps than are built. room: error, transition, noise, and
- * transposes of both. */
-static int predict(const Filter* f, double dt, double* x, double* S, double* room) {
-  const integer n = f->n, k = f->noise;
-  double *error = room, *by_columns = error + f->errors, *noise_by_columns = by_columns + n * n;
-  double *transition = noise_by_columns + n * k, *noise = transition + n * n, *after = noise + n * k, *S_after = after + f->point;
-  const double turn = length(x + f->rate, 3) * dt;
+/* The first integrator whose limit a rotation in a step does not exceed; `loop_count` for none. */
+static integer integrator(const Filter* f, double turn) {
   integer j = 0;
-  /* the first integrator whose limit the rotation does not exceed */
   while (j < f->loop_count && !(turn <= f->limits[j])) ++j;
+  return j;
+}
+
+/* Parts of the room that a step takes: error estimate, transition and noise factor column by column, both row by row, the mean
+ * after the step, and its factor. */
+typedef struct {
+  double *error, *by_columns, *noise_by_columns, *transition, *noise, *after, *S_after;
+} Step;
+
+static Step parts_of(const Filter* f, double* room) {
+  const integer n = f->n, k = f->noise;
+  double *by_columns = room + f->errors, *noise_by_columns = by_columns + n * n, *transition = noise_by_columns + n * k;
+  double *noise = transition + n * n, *after = noise + n * k;
+  return (Step){room, by_columns, noise_by_columns, transition, noise, after, after + f->point};
+}
+
+/* The step linearised at x; 0 where it needs more substeps than are built. */
+static int linearise_step(const Filter* f, double dt, const double* x, const Step* at) {
+  const integer n = f->n, k = f->noise, j = integrator(f, length(x + f->rate, 3) * dt);
   if (j == f->loop_count || !f->loops[j]) return 0;
   const double* from[] = {x, &dt, f->densities};
-  double* const to[] = {after, error, by_columns, noise_by_columns};
+  double* const to[] = {at->after, at->error, at->by_columns, at->noise_by_columns};
   const integer none[] = {0, 0, 0, 0};
   if (f->loops[j](1, from, none, to, none)) return 0;
   /* every error estimate of the integrator within the tolerance */
   for (integer e = 0; e < f->errors; ++e)
-    if (!(error[e] <= f->tolerance)) return 0;
+    if (!(at->error[e] <= f->tolerance)) return 0;
   /* CasADi's columns to rows, and each column of the noise factor times the scale of its disturbance */
   for (integer a = 0; a < n; ++a) {
-    for (integer b = 0; b < n; ++b) transition[a * n + b] = by_columns[b * n + a];
-    for (integer b = 0; b < k; ++b) noise[a * k + b] = noise_by_columns[b * n + a] * f->scales[b];
+    for (integer b = 0; b < n; ++b) at->transition[a * n + b] = at->by_columns[b * n + a];
+    for (integer b = 0; b < k; ++b) at->noise[a * k + b] = at->noise_by_columns[b * n + a] * f->scales[b];
   }
-  f->propagate(S, transition, noise, k, S_after);
-  memcpy(x, after, f->point * sizeof(double));
-  memcpy(S, S_after, n * n * sizeof(double));
+  return 1;
+}
+
+/* `predict`: x and S are replaced; 0 where the step needs more substeps than are built. */
+static int predict(const Filter* f, double dt, double* x, double* S, double* room) {
+  const integer n = f->n;
+  const Step at = parts_of(f, room);
+  if (!linearise_step(f, dt, x, &at)) return 0;
+  f->propagate(S, at.transition, at.noise, f->noise, at.S_after);
+  memcpy(x, at.after, f->point * sizeof(double));
+  memcpy(S, at.S_after, n * n * sizeof(double));
+  return 1;
+}
+
+/* Numbers of the room of `predict_sigma` behind that of a step. */
+static integer sigma_room(const Filter* f) {
+  const Sigma* u = f->sigma;
+  return u ? u->points * (2 * f->n + 2 * f->point + u->constants + 15) + (u->points + f->noise) * f->n + f->n : 0;
+}
+
+/* `predict` of an unscented filter: `linearise_process` of `ukf.py`, and the factor of [deviations | noise]. */
+static int predict_sigma(const Filter* f, double dt, double* x, double* S, double* room) {
+  const Sigma* u = f->sigma;
+  const integer n = f->n, m = f->point, p = u->points, k = f->noise, q = u->constants;
+  const Step at = parts_of(f, room);
+  double *shifts = at.S_after + n * n, *errors = shifts + p * n, *points = errors + p * n, *moved = points + p * m;
+  double *constants = moved + p * m, *fine = constants + p * q, *coarse = fine + p * 7, *off = coarse + p * 7;
+  double *rows = off + p, *error = rows + (p + k) * n;
+  if (!linearise_step(f, dt, x, &at)) return 0;
+  /* points: retract(x, offsets S') */
+  for (integer i = 0; i < p; ++i)
+    for (integer a = 0; a < n; ++a) {
+      double sum = 0;
+      for (integer b = 0; b < n; ++b) sum += u->offsets[i * n + b] * S[a * n + b];
+      shifts[i * n + a] = sum;
+    }
+  const integer* none[] = {0, 0, 0, 0};
+  {
+    const double* from[] = {x, shifts};
+    const integer width[] = {0, n};
+    double* const to[] = {points};
+    u->retract(p, from, width, none, to);
+  }
+  /* all of them in as many substeps as the fastest needs, and in half as many for the error */
+  double fastest = 0;
+  for (integer i = 0; i < p; ++i) {
+    const double speed = length(points + i * m + f->rate, 3);
+    if (!(speed <= fastest)) fastest = speed;
+  }
+  const integer j = integrator(f, fastest * dt);
+  if (j == f->loop_count) return 0;
+  const integer count = u->fewest << j;
+  {
+    const double* from[] = {points};
+    const integer width[] = {m}, made[] = {q};
+    double* const to[] = {constants};
+    if (u->find_constants(p, from, width, to, made)) return 0;
+  }
+  for (int halved = 1; halved >= 0; --halved) {
+    const double h = halved ? 2 * dt / (double)count : dt / (double)count, *from[] = {points, constants, &dt, &h};
+    const integer width[] = {m, q, 0, 0};
+    double* const to[] = {moved, halved ? coarse : fine};
+    u->step(p, from, width, none, to, halved ? count / 2 : count, u->nothing);
+  }
+  {
+    const double* from[] = {coarse, fine};
+    const integer width[] = {7, 7}, made[] = {1};
+    double* const to[] = {off};
+    if (u->step_error(p, from, width, to, made)) return 0;
+  }
+  for (integer i = 0; i < p; ++i)
+    if (!(off[i] <= f->tolerance)) return 0;
+  /* mean: retract(centre, weighted mean of the errors about the centre) */
+  {
+    const double* from[] = {moved, moved};
+    const integer width[] = {0, m};
+    double* const to[] = {errors};
+    u->local(p, from, width, none, to);
+    for (integer a = 0; a < n; ++a) error[a] = 0;
+    for (integer i = 0; i < p; ++i)
+      for (integer a = 0; a < n; ++a) error[a] += u->mean_weights[i] * errors[i * n + a];
+    const double* about[] = {moved, error};
+    const integer one[] = {0, 0};
+    double* const mean[] = {at.after};
+    u->retract(1, about, one, none, mean);
+  }
+  /* rows: weighted errors about the mean, then the noise' */
+  {
+    const double* from[] = {at.after, moved};
+    const integer width[] = {0, m};
+    double* const to[] = {rows};
+    u->local(p, from, width, none, to);
+  }
+  for (integer i = 0; i < p; ++i)
+    for (integer a = 0; a < n; ++a) rows[i * n + a] *= u->root_weights[i];
+  for (integer b = 0; b < k; ++b)
+    for (integer a = 0; a < n; ++a) rows[(p + b) * n + a] = at.noise[a * k + b];
+  u->triangle(rows, p + k, n, n, 1, S);
+  memcpy(x, at.after, m * sizeof(double));
   return 1;
 }
 
@@ -143,6 +272,164 @@ static int is_linear(const Filter* f, const Sensor* s, integer count, integer us
   return (double)spacing * off <= f->iteration * f->iteration;
 }
 
+enum { MOST_DIM = 8 };
+
+/* Squared distance of a whitened innovation of covariance I + Y Y', Y [dim][columns]: infinite where that is not definite. */
+static double distance(const double* innovation, const double* Y, integer dim, integer columns) {
+  double L[MOST_DIM * MOST_DIM], y[MOST_DIM], square = 0;
+  /* row d of the Cholesky factor, and forward substitution of the innovation */
+  for (integer d = 0; d < dim; ++d) {
+    double rest = innovation[d];
+    for (integer e = 0; e <= d; ++e) {
+      double sum = d == e;
+      for (integer k = 0; k < columns; ++k) sum += Y[d * columns + k] * Y[e * columns + k];
+      for (integer k = 0; k < e; ++k) sum -= L[d * MOST_DIM + k] * L[e * MOST_DIM + k];
+      if (e == d && !(sum > 0)) return INFINITY;
+      L[d * MOST_DIM + e] = e == d ? sqrt(sum) : sum / L[e * MOST_DIM + e];
+    }
+    for (integer e = 0; e < d; ++e) rest -= L[d * MOST_DIM + e] * y[e];
+    y[d] = rest / L[d * MOST_DIM + d];
+    square += y[d] * y[d];
+  }
+  return square;
+}
+
+/* Numbers of the room of `update_sigma`, and of its index arrays, for at most so many values of so many components. */
+static integer update_room(const Filter* f, integer most, integer dim) {
+  const integer n = f->n, q = f->sigma ? f->sigma->points : 0, w = q + 1;
+  const integer pairs = most * q;
+  return q ? q * (n + f->point) + pairs * (dim + 2) + most * dim * (w + 1) + 4 * w * w + n * (3 * n + 4) + dim * w : 0;
+}
+
+/* `update` of an unscented filter, `predict_measurement` of `ukf.py` and `square_root_update`: x and S are replaced, nis, log
+ * likelihood and the number of values used are written. 0 where something is not finite, or no value passes: then nothing is done.
+ */
+static integer update_sigma(const Filter* f, const Sensor* s, integer count, double* x, const double* parameters,
+                            const double* values, double* S, double* room, integer* index, double* nis, double* likelihood) {
+  const Sigma* u = f->sigma;
+  const integer n = f->n, m = f->point, dim = s->model->dim;
+  /* The measurement moves with the first r columns of the factor alone: centre, plus and minus points of these. */
+  integer r = 1;
+  for (integer c = 0; c < s->columns; ++c)
+    for (integer b = r; b < n; ++b)
+      if (S[s->model->columns[c] * n + b] != 0) r = b + 1;
+  const integer q = 2 * r + 1, w = q + 1, pairs = count * q, *none[] = {0, 0, 0, 0};
+  const double offset = u->offsets[n], unseen = (double)(2 * (n - r)), side = u->root_weights[1];
+  const double centre = u->mean_weights[0] + unseen * u->mean_weights[1], share = side / sqrt(2.0);
+  const double mixed = sqrt(u->root_weights[0] * u->root_weights[0] + unseen * side * side);
+  double *shifts = room, *points = shifts + q * n, *innovation = points + q * m, *valid = innovation + pairs * dim;
+  double *determinant = valid + pairs, *rho = determinant + pairs, *rows = rho + count * dim, *R = rows + count * dim * w;
+  double *block = R + w * w, *U = block + 2 * w * w, *turned = U + w * w, *root = turned + dim * w;
+  double *error = root + n * n, *mean = error + n, *factor = mean + m, *J = factor + n * n;
+  for (integer a = 0; a < n; ++a) {
+    shifts[a] = 0;
+    for (integer b = 0; b < r; ++b) {
+      shifts[(1 + b) * n + a] = offset * S[a * n + b];
+      shifts[(1 + r + b) * n + a] = -shifts[(1 + b) * n + a];
+    }
+  }
+  const double *about[] = {x, shifts}, *sight[] = {points, x, parameters, values};
+  const integer width[] = {0, n}, pitch[] = {m, 0, s->model->width, s->model->components};
+  double *const to[] = {points}, *const seen[] = {innovation, valid, determinant};
+  u->retract(q, about, width, none, to);
+  /* every value beside every point, those of a value together */
+  for (integer i = 0; i < count; ++i)
+    for (integer k = 0; k < q; ++k) {
+      index[i * q + k] = k;
+      index[pairs + i * q + k] = i;
+    }
+  const integer* chosen[] = {index, 0, index + pairs, index + pairs};
+  s->beside(pairs, sight, pitch, chosen, seen);
+  if (!all_finite(innovation, pairs * dim)) return 0;
+  for (integer i = 0; i < pairs; ++i)
+    if (!(valid[i] > 0)) return 0;
+  const double scale = sqrt(s->weight), logs = log(scale) * (double)dim;
+  double log_noise = 0;
+  integer used = 0;
+  for (integer i = 0; i < count; ++i) {
+    double *mine = innovation + i * q * dim, *own = rho + i * dim, square = 0;
+    /* mean over the points: the centre takes the weight of all that coincide with it */
+    for (integer d = 0; d < dim; ++d) {
+      double sum = centre * mine[d];
+      for (integer k = 1; k < q; ++k) sum += u->mean_weights[k] * mine[k * dim + d];
+      own[d] = sum * scale;
+      square += own[d] * own[d];
+    }
+    for (integer k = 0; k < q * dim; ++k) mine[k] *= scale;
+    if (!(square <= s->limit)) {
+      /* deviations into centre and sums, then differences of the pairs: [dim][q] */
+      for (integer d = 0; d < dim; ++d) {
+        turned[d * q] = mixed * (own[d] - mine[d]);
+        for (integer k = 1; k <= r; ++k) {
+          const double plus = own[d] - mine[k * dim + d], minus = own[d] - mine[(k + r) * dim + d];
+          turned[d * q + k] = share * (plus + minus);
+          turned[d * q + k + r] = share * (plus - minus);
+        }
+      }
+      if (!(distance(own, turned, dim, q) <= s->limit)) continue;
+    }
+    /* rows [deviations | innovation] of the values inside the gate */
+    for (integer d = 0; d < dim; ++d) {
+      double* row = rows + (used * dim + d) * w;
+      for (integer k = 0; k < q; ++k) row[k] = own[d] - mine[k * dim + d];
+      row[q] = own[d];
+    }
+    log_noise += log(determinant[i * q]) - logs;
+    ++used;
+  }
+  if (!used) return 0;
+  /* compressed: R = L' of [H | y], and what no state explains */
+  u->triangle(rows, used * dim, w, w, 1, R);
+  const double residual = R[q * w + q] * R[q * w + q];
+  /* [H mixing, y; 1, 0]: its triangle holds U and the shift */
+  memset(block, 0, 2 * w * w * sizeof(double));
+  for (integer i = 0; i < q; ++i) {
+    double* row = block + i * w;
+    row[0] = mixed * R[i];
+    for (integer k = 1; k <= r; ++k) {
+      const double plus = R[k * w + i], minus = R[(k + r) * w + i];
+      row[k] = share * (plus + minus);
+      row[k + r] = share * (plus - minus);
+    }
+    row[q] = R[q * w + i];
+    block[(q + i) * w + i] = 1;
+  }
+  u->triangle(block, 2 * q, w, w, 1, U); /* U [w][w] is the transpose: U'[j][i] */
+  double log_root = 0;
+  for (integer j = 0; j < q; ++j) log_root += log(fabs(U[j * w + j]));
+  *nis = U[q * w + q] * U[q * w + q] + residual;
+  *likelihood = -0.5 * (*nis + (double)(used * dim) * 1.8378770664093453) - log_root - log_noise;
+  /* U22' Z = S1', the first r columns of the factor by the block of the differences; the other columns stay. error = Z' shift. */
+  for (integer a = 0; a < n; ++a) error[a] = 0;
+  for (integer j = 0; j < n; ++j) {
+    double* z = root + j * n;
+    for (integer a = 0; a < n; ++a) z[a] = S[a * n + j];
+    if (j >= r) continue;
+    const double* line = U + (r + 1 + j) * w + r + 1;
+    for (integer k = 0; k < j; ++k)
+      for (integer a = 0; a < n; ++a) z[a] -= line[k] * root[k * n + a];
+    for (integer a = 0; a < n; ++a) {
+      z[a] /= line[j];
+      error[a] += U[q * w + r + 1 + j] * z[a];
+    }
+  }
+  u->triangle(root, n, n, n, 1, factor);
+  const double *state[] = {x, error}, *shift[] = {error};
+  const integer one[] = {0, 0};
+  double *const point[] = {mean}, *const matrix[] = {J};
+  if (s->model->retract(1, state, one, point, one) || s->model->reset(1, shift, one, matrix, one)) return 0;
+  /* S = J factor; CasADi's matrices lie column by column */
+  memset(S, 0, n * n * sizeof(double));
+  for (integer i = 0; i < n; ++i)
+    for (integer k = 0; k < n; ++k) {
+      const double j = J[k * n + i];
+      if (j != 0)
+        for (integer l = 0; l < n; ++l) S[i * n + l] += j * factor[k * n + l];
+    }
+  memcpy(x, mean, m * sizeof(double));
+  return used;
+}
+
 /* Values of a sensor's latest measurement. */
 typedef struct {
   const double* values;
@@ -155,14 +442,18 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
                 const double* factor, integer most, integer width, const Rows* to) {
   const integer n = f->n, m = f->point, k = f->noise;
   const integer predicting = f->errors + 3 * n * n + 2 * n * k + m, making = 3 + 2 * n + 3 * n * n + m;
-  double* all = malloc((m + n * n + predicting + making + 2 * most * width) * sizeof(double));
+  const integer behind = sigma_room(f), updating = update_room(f, most, MOST_DIM);
+  double* all = malloc((m + n * n + predicting + n * n + behind + making + 2 * most * width + updating) * sizeof(double));
+  integer* index = f->sigma ? malloc(2 * (most * f->sigma->points + 1) * sizeof(integer)) : 0;
   Last* last = malloc((sensors + 1) * sizeof(Last));
-  if (!all || !last) {
+  if (!all || !last || (f->sigma && !index)) {
     free(all);
     free(last);
+    free(index);
     return 0;
   }
-  double *x = all, *S = x + m, *room = S + n * n, *made = room + predicting, *rows = made + making, *again = rows + most * width;
+  double *x = all, *S = x + m, *room = S + n * n, *made = room + predicting + n * n + behind, *rows = made + making;
+  double *again = rows + most * width, *spare = again + most * width;
   memcpy(x, mean, m * sizeof(double));
   memcpy(S, factor, n * n * sizeof(double));
   for (integer i = 0; i < sensors; ++i) last[i] = (Last){sensor[i].before, sensor[i].before_count};
@@ -171,7 +462,7 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
   for (; done < epochs; ++done) {
     double nis = 0, likelihood = 0;
     integer dof = 0, accepted = 0, rejected = 0, i = 0;
-    if (dt[done] > 0 && !predict(f, dt[done], x, S, room)) break; /* a belief may be of the first epoch itself */
+    if (dt[done] > 0 && !(f->sigma ? predict_sigma : predict)(f, dt[done], x, S, room)) break; /* a belief may be of the first epoch itself */
     /* sensors in turn, each on the state after the one before */
     for (; i < sensors; ++i) {
       const Sensor* s = sensor + i;
@@ -180,6 +471,17 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
       const double *parameters = s->parameters + first * s->model->width, *values = s->values + first * s->model->components;
       if (may_repeat(values, count, last[i].values, last[i].count, s->model->components)) break;
       last[i] = (Last){values, count};
+      if (f->sigma) {
+        double own_nis, own_likelihood;
+        const integer used = update_sigma(f, s, count, x, parameters, values, S, spare, index, &own_nis, &own_likelihood);
+        if (!used || (double)used < AGREEING_SHARE * (double)count) break;
+        nis += own_nis;
+        likelihood += own_likelihood;
+        dof += used * dim;
+        accepted += used;
+        rejected += count - used;
+        continue;
+      }
       const integer used = s->update(s->model, count, x, parameters, values, s->weight, s->limit, S, rows, made);
       if (!used || (double)used < AGREEING_SHARE * (double)count) break; /* so few that the state is doubted */
       if (!is_linear(f, s, count, used, x, parameters, values, rows, made, again)) break;
@@ -203,6 +505,7 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
   }
   free(all);
   free(last);
+  free(index);
   return done;
 }
 

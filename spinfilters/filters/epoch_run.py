@@ -1,4 +1,4 @@
-"""Consecutive epochs of a first-order filter in one call of compiled C, `epoch_run.c`, to the numbers of single epochs.
+"""Consecutive epochs of a filter in one call of compiled C, `epoch_run.c`, to the numbers of single epochs.
 
 A call ends before an epoch that needs more than the plain prediction and update: values hardly any of which pass the gate, or that
 may repeat the image before, an update that must be iterated, a step with more substeps than any before, numbers that are not
@@ -28,8 +28,11 @@ from spinfilters.filters.compiled_steps import (
 from spinfilters.filters.estimator import COUNTS, EpochRun, ProcessModel, RunsTaken, SensorTimeline
 from spinfilters.filters.iterated_update import SAMPLE as LINEAR_SAMPLE
 from spinfilters.filters.iterated_update import SMALLEST_RANGE, IterationOptions
-from spinfilters.filters.outlier_rejection import AGREEING_SHARE, FEWEST_DUPLICATES
+from spinfilters.filters.measurement_prediction import SigmaPoints
+from spinfilters.filters.noise_levels import NoiseAdaptation
+from spinfilters.filters.outlier_rejection import AGREEING_SHARE, FEWEST_DUPLICATES, OutlierRejection
 from spinfilters.filters.outlier_rejection import SAMPLE as DUPLICATE_SAMPLE
+from spinfilters.filters.square_root import LARGEST_TRIANGLE, covariance_factor_address
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import LinearisedLoops
 from spinfilters.models.state_blocks import ATTITUDE
@@ -53,6 +56,18 @@ class _Sensor(ctypes.Structure):
         ("before_count", ctypes.c_longlong),
         *((name, ctypes.c_double) for name in ("weight", "limit")),
         ("columns", ctypes.c_longlong),
+        ("beside", ctypes.c_void_p),
+    )
+
+
+class _Sigma(ctypes.Structure):
+    """`Sigma` of `epoch_run.c`."""
+
+    _fields_ = (
+        *((name, ctypes.c_longlong) for name in ("points", "constants", "fewest")),
+        *((name, ctypes.c_void_p) for name in ("offsets", "mean_weights", "root_weights")),
+        *((name, ctypes.c_void_p) for name in ("retract", "local", "find_constants", "step", "step_error")),
+        *((name, ctypes.c_void_p) for name in ("triangle", "nothing")),
     )
 
 
@@ -66,6 +81,7 @@ class _Filter(ctypes.Structure):
         ("propagate", ctypes.c_void_p),
         *((name, ctypes.c_longlong) for name in ("attitude", "position", "place", "rate")),
         *((name, ctypes.c_double) for name in ("iteration", "nearest")),
+        ("sigma", ctypes.c_void_p),
     )
 
 
@@ -107,12 +123,33 @@ class RunOptions:
     levels : tuple[SensorLevel, ...]
         One for each sensor of the run.
     iteration : IterationOptions
-        When an update must be iterated.
+        When an update must be iterated; of no use to an unscented filter.
+    points : SigmaPoints or None
+        Of an unscented filter.
     """
 
     noise_scales: Float[np.ndarray, " k"]
     levels: tuple[SensorLevel, ...]
     iteration: IterationOptions
+    points: SigmaPoints | None = None
+
+
+def run_options(
+    layout: StateLayout,
+    noise: NoiseAdaptation,
+    outliers: OutlierRejection,
+    models: Sequence[MeasurementModel],
+    iteration: IterationOptions | None = None,
+    points: SigmaPoints | None = None,
+) -> RunOptions:
+    """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""
+    guards = [outliers.of(model.name) for model in models]
+    levels = tuple(
+        SensorLevel(noise.measurement_scale(model.name), guard.limit(model.dim), guard.epochs.values)
+        for model, guard in zip(models, guards, strict=True)
+    )
+    scales = noise.scaled(layout, np.ones((1, MOST_NOISE)))[0]
+    return RunOptions(scales, levels, iteration or IterationOptions(1), points)
 
 
 def take_in(
@@ -123,7 +160,7 @@ def take_in(
     options: RunOptions,
     rows: Mapping[str, np.ndarray],
 ) -> int:
-    """Take a first-order filter through epochs from a belief on.
+    """Take a filter through epochs from a belief on.
 
     Parameters
     ----------
@@ -216,15 +253,22 @@ class _Call(NamedTuple):
             return None
         library, loops, propagation, updates = found
         given = [_RunArrays.of(*each) for each in zip(epochs.sensors, options.levels, strict=True)]
+        sigma = None if options.points is None else _sigma(process, options.points, len(loops.loops))
+        if options.points is not None and sigma is None:
+            return None
+        beside = [0 if sigma is None else part.every.model.innovations_beside.loop for part in epochs.sensors]
         sensors = [
-            _sensor(update, each, level)
-            for update, each, level in zip(updates, given, options.levels, strict=True)
+            _sensor(update, each, level, loop or 0)
+            for update, each, level, loop in zip(updates, given, options.levels, beside, strict=True)
         ]
+        if None in beside:
+            return None
         scales = np.ascontiguousarray(options.noise_scales)
         chosen = _filter(process.layout, loops, scales, options.iteration, propagation.address)
+        chosen.sigma = 0 if sigma is None else ctypes.addressof(sigma[0])
         most = max(int((part.end - part.first).max(initial=0)) for part in epochs.sensors)
         widths = [part.every.model.dim * (len(part.every.model.columns) + 1) + 2 for part in epochs.sensors]
-        kept = (given, loops, updates, scales)
+        kept = (given, loops, updates, scales, sigma)
         return cls(library, chosen, (_Sensor * len(sensors))(*sensors), most, max(widths), kept)
 
 
@@ -260,7 +304,7 @@ class _RunArrays(NamedTuple):
         return cls(parameters, values, first, end, before)
 
 
-def _sensor(update: CompiledUpdate, given: _RunArrays, level: SensorLevel) -> _Sensor:
+def _sensor(update: CompiledUpdate, given: _RunArrays, level: SensorLevel, beside: int) -> _Sensor:
     return _Sensor(
         update.model_address,
         update.update_address,
@@ -269,7 +313,30 @@ def _sensor(update: CompiledUpdate, given: _RunArrays, level: SensorLevel) -> _S
         1 / level.scale,
         level.limit,
         update.columns,
+        beside,
     )
+
+
+def _sigma(
+    process: ProcessModel, points: SigmaPoints, limits: int
+) -> tuple[_Sigma, tuple[np.ndarray, ...]] | None:
+    """Sigma points as C reads them, and the arrays behind; None where something compiled is missing."""
+    layout, steps, triangle = process.layout, process.step_loops(), covariance_factor_address()
+    retract, local = layout.many_retractions.loop, layout.many_differences.loop
+    # rows of sigma points have a column for each point and one for the innovation
+    if None in (steps, triangle, retract, local) or len(points.offsets) >= LARGEST_TRIANGLE:
+        return None
+    assert steps is not None
+    offsets, mean_weights, root_weights = arrays = tuple(
+        np.ascontiguousarray(array) for array in (points.offsets, points.mean_weights, points.root_weights)
+    )
+    nothing = np.zeros(steps.fewest << limits)
+    made = _Sigma(
+        *(len(offsets), steps.constant_dim, steps.fewest),
+        *map(address, (offsets, mean_weights, root_weights)),
+        *(retract, local, steps.constants, steps.substeps, steps.error, triangle, address(nothing)),
+    )
+    return made, (*arrays, nothing)
 
 
 def _filter(
@@ -291,6 +358,7 @@ def _filter(
         layout.mean_slice("w").start,
         math.inf if iteration.iterations == 1 else iteration.tolerance,
         SMALLEST_RANGE,
+        0,
     )
 
 

@@ -12,7 +12,7 @@ from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.filters.square_root import triangular_factor
 from spinfilters.models.gauge import GAUGE_DIM, gauge_of_points, moved_points, state_in_g
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.rotation_integrator import LinearisedLoops, LinearisedStep, LinearisedSteps
+from spinfilters.models.rotation_integrator import LinearisedLoops, LinearisedStep, LinearisedSteps, StepLoops
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus
 
@@ -158,6 +158,10 @@ class ProcessModel(Protocol):
 
     def linearised_loops(self) -> LinearisedLoops | None:
         """Compiled loops of `linearise`; None where there are none."""
+        ...
+
+    def step_loops(self) -> StepLoops | None:
+        """Compiled loops of `step` for many points; None where there are none."""
         ...
 
     def linearise_steps(

@@ -6,7 +6,8 @@ mean, `spinfilters.filters.ukf` by regression over sigma points.
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from spinfilters.filters.compiled_steps import MOST_NOISE, Update, compiled_prop
 from spinfilters.filters.estimator import (
     NO_IDS,
     Belief,
+    EpochRun,
     Estimator,
     LandmarkBelief,
     MapChange,
@@ -393,6 +395,48 @@ class MultiplicativeFilter(Estimator):
             The correction, and which observations it used.
         """
         return solve_at(observations, self.mean, self.factor, outliers)
+
+    def take_in_together(
+        self, epochs: EpochRun, rows: Mapping[str, np.ndarray], take: Callable[[EpochRun], int]
+    ) -> int:
+        """`take_in` by compiled code, for as many epochs as noise levels stay what they are.
+
+        Parameters
+        ----------
+        epochs, rows
+            See `Estimator.take_in`.
+        take : Callable[[EpochRun], int]
+            Takes epochs in from the present belief, and writes their rows; how many.
+
+        Returns
+        -------
+        int
+            How many epochs were taken in.
+        """
+        names = [part.every.model.name for part in epochs.sensors]
+        count = min(len(epochs.dt), self._adaptation.constant_predictions(names))
+        if self._held is not None or not count:
+            return 0
+        self.factor = self._curvature.widened(self.process, self.mean, self.factor, float(epochs.dt[0]))
+        count = min(count, self._curvature.steps_in_stretch(epochs.dt))
+        parts = tuple(
+            replace(part, first=part.first[:count], end=part.end[:count]) for part in epochs.sensors
+        )
+        done = take(EpochRun(epochs.dt[:count], parts))
+        if done:
+            self.mean, self.factor = rows["mean"][done - 1].copy(), rows["factor"][done - 1].copy()
+            self._adaptation.count_predictions(done)
+            self._curvature.pass_steps(epochs.dt[:done])
+            for part, guard in zip(parts, map(self._outliers.of, names), strict=True):
+                measured = np.flatnonzero(part.end[:done] > part.first[:done])
+                if not measured.size:
+                    guard.epochs.pass_time()
+                    continue
+                last = int(measured[-1])
+                values = slice(int(part.first[last]), int(part.end[last]))
+                keys = part.every.parameters[values, : part.every.model.known_by]
+                guard.remember(keys, part.every.values[values], time_passed=last < done - 1)
+        return done
 
     def snapshot(self) -> Snapshot:
         """Copies of belief, landmarks, gates and noise adaptation.

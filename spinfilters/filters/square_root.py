@@ -157,6 +157,12 @@ def covariance_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"
     return L
 
 
+def covariance_factor_address() -> int | None:
+    """Address of the compiled `covariance_factor`, for other compiled code to call; None without any."""
+    library = _triangle_library()
+    return library and ctypes.cast(library.triangle, ctypes.c_void_p).value
+
+
 @cache
 def _triangle_library() -> ctypes.PyDLL | None:
     text = correction_text({"C": 1, "M": 0, "N": 1})

@@ -1,12 +1,14 @@
 """The multiplicative unscented Kalman filter in square-root form."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.filters.estimator import Measurement, ProcessModel
+from spinfilters.filters.epoch_run import compiled_loops, run_options, take_in
+from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
 from spinfilters.filters.landmark_observations import Regression, SolvedObservations, solve
 from spinfilters.filters.landmark_steps import MapObservations
@@ -21,6 +23,7 @@ from spinfilters.filters.square_root import (
     is_lower,
     last_nonzero,
 )
+from spinfilters.models.measurement import MeasurementModel
 
 
 class MultiplicativeUkf(MultiplicativeFilter):
@@ -57,11 +60,49 @@ class MultiplicativeUkf(MultiplicativeFilter):
     ) -> None:
         super().__init__(process, robust, adaptation, landmarks)
         n, self._points_options = self.layout.error_dim, options or SigmaPointOptions()
-        points = sigma_points(n, self._points_options)
+        self._sigma_points = points = sigma_points(n, self._points_options)
         self._offsets = points.offsets
         self._mean_weights = points.mean_weights
         self._root_weights = points.root_weights
         self._subset = cache(self._build_subset)
+
+    def __init_subclass__(cls) -> None:
+        """Let a filter that changes a step take every epoch by itself, unless it says how it takes several."""
+        if "take_in" not in vars(cls):
+            cls.take_in = Estimator.take_in
+
+    def build_take_in(self, models: Sequence[MeasurementModel]) -> None:
+        """Load the compiled loops of process, sensors and sigma points.
+
+        Parameters
+        ----------
+        models : Sequence[MeasurementModel]
+            The sensors whose values `take_in` will get.
+        """
+        compiled_loops(self.process, models)
+
+    def take_in(self, epochs: EpochRun, rows: Mapping[str, np.ndarray]) -> int:
+        """Predict and update through consecutive epochs in one call of compiled code, to rounding as by single ones.
+
+        Parameters
+        ----------
+        epochs : EpochRun
+            From the present time on, without landmarks.
+        rows : Mapping[str, ndarray]
+            A row per epoch to be written, see `Estimator.take_in`.
+
+        Returns
+        -------
+        int
+            How many epochs were taken in; the next one needs `predict` and `update`.
+        """
+        models = [part.every.model for part in epochs.sensors]
+        options = run_options(
+            self.layout, self._adaptation, self._outliers, models, points=self._sigma_points
+        )
+        return self.take_in_together(
+            epochs, rows, lambda run: take_in(self.process, self.mean, self.factor, run, options, rows)
+        )
 
     def linearise_process(self, dt: float) -> LinearisedProcess:
         """Mean and spread of the sigma points after the step; the transition is the derivative at the mean."""

@@ -277,7 +277,7 @@ class MeasurementModel(ABC):
         InnovationsAtPoints
             Whitened innovations of every value at every point; a value is valid where it is at all points.
         """
-        if len(points) * len(measured) >= FEWEST_PAIRS and self._innovations_beside.is_c:
+        if len(points) * len(measured) >= FEWEST_PAIRS and self.innovations_beside.is_c:
             return self._innovations_of_pairs(points, x, parameters, measured)
         innovation, valid, log_noise = self._innovations_at(len(points))(points.T, x, parameters, measured)
         innovation = innovation.reshape(len(measured), self.dim, len(points))
@@ -478,7 +478,7 @@ class MeasurementModel(ABC):
         """`innovations_at` by compiled code, every value beside every point."""
         count, shape = len(points), (len(measured), len(points))
         at, value = _pairs(*shape)
-        innovation, valid, determinant = self._innovations_beside(
+        innovation, valid, determinant = self.innovations_beside(
             points, x[np.newaxis], parameters, measured, rows=(at, None, value, value)
         )
         # a row for every pair, those of a value together: the points go behind the components
@@ -488,7 +488,7 @@ class MeasurementModel(ABC):
         return InnovationsAtPoints(beside, valid.reshape(shape).min(axis=1) > 0, log_noise)
 
     @built_property
-    def _innovations_beside(self) -> Vectorised:
+    def innovations_beside(self) -> Vectorised:
         """Whitened innovation and validity at a point, and determinant of the noise factor at another, of many pairs."""
         x, p, z = self._symbols
         at, state = ca.SX.sym("at", self.layout.mean_dim), self.layout.unpack(x)

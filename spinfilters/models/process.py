@@ -38,6 +38,7 @@ from spinfilters.models.rotation_integrator import (
     LinearisedStep,
     LinearisedSteps,
     RotationIntegrator,
+    StepLoops,
     substeps,
     turns,
 )
@@ -351,6 +352,16 @@ class TorqueFreeProcess:
             None without compiled code, or before the first step.
         """
         return self._integrator.linearised_loops(self._densities)
+
+    def step_loops(self) -> StepLoops | None:
+        """Compiled loops of `step` for many points.
+
+        Returns
+        -------
+        StepLoops or None
+            None without compiled code.
+        """
+        return self._integrator.step_loops()
 
     def linearise_steps(
         self,

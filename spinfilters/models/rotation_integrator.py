@@ -360,6 +360,30 @@ class LinearisedLoops(NamedTuple):
     densities: Float[np.ndarray, " p"]
 
 
+class StepLoops(NamedTuple):
+    """Compiled loops of steps of many points side by side, for other compiled code to call.
+
+    Attributes
+    ----------
+    constants : int
+        Address of the loop from points to the constants of their rotation.
+    constant_dim : int
+        How many constants a point has.
+    substeps : int
+        Address of the scan over substeps.
+    error : int
+        Address of the loop from coarse and fine rotations to the estimated error.
+    fewest : int
+        Substeps of the first of `turn_limits`; each further one has twice as many.
+    """
+
+    constants: int
+    constant_dim: int
+    substeps: int
+    error: int
+    fewest: int
+
+
 class RotationIntegrator:
     """Steps and linearises a state whose rotation follows ``acceleration``.
 
@@ -497,6 +521,13 @@ class RotationIntegrator:
     @building()
     def _build_step(self, count: int) -> Compiled:
         return Compiled(self.expressions.step(count))
+
+    def step_loops(self) -> StepLoops | None:
+        """Compiled loops of `step`; None without compiled code."""
+        constants, scan, error = self._step_constants.loop, self._scan.loop, self._step_error.loop
+        if constants is None or scan is None or error is None:
+            return None
+        return StepLoops(constants, math.prod(self._step_constants.output_shapes[0]), scan, error, FEWEST)
 
     @built_property
     def _scan(self) -> VectorisedScan:

@@ -375,6 +375,16 @@ class StateLayout:
         return self._retract
 
     @property
+    def many_retractions(self) -> Vectorised:
+        """`retract_each`, for other compiled code to call."""
+        return _retract_lanes(self)
+
+    @property
+    def many_differences(self) -> Vectorised:
+        """`local_each`, for other compiled code to call."""
+        return _local_lanes(self)
+
+    @property
     def resetting(self) -> Compiled:
         """`reset_jacobian` as a compiled function."""
         return self._reset

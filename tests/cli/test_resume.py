@@ -11,6 +11,7 @@ from forked import kill_at, killed
 from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
+from spinfilters.filters import timeline
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset_folder import write_dataset
@@ -64,6 +65,7 @@ def disturbed(event: Progress, monkeypatch: pytest.MonkeyPatch) -> None:
 
         return compare_estimators(setup, settings, report, *further)  # pyright: ignore[reportArgumentType]
 
+    monkeypatch.setattr(timeline, "MOST_TOGETHER", 1)
     monkeypatch.setattr(comparison_run, "compare_estimators", compare)
     monkeypatch.setattr(
         comparison_run,

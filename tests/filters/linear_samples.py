@@ -36,6 +36,9 @@ class LinearProcess:
     def linearised_loops(self) -> None:
         """No compiled loops."""
 
+    def step_loops(self) -> None:
+        """No compiled loops."""
+
     def linearise_steps(
         self,
         here: Float[np.ndarray, "s n"],

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from forked import kill_at, killed
 
+from spinfilters.filters import timeline
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.filters.timeline import run
 from spinfilters.inference.setup import Setup
@@ -42,6 +43,12 @@ from tests.run.checkpoint_samples import (
 )
 
 KILLS = [(NAMES[k % 2], int(f)) for k, f in enumerate(np.random.default_rng(7).integers(1, 29, 10))]
+
+
+@pytest.fixture(autouse=True)
+def every_epoch_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that a run can be stopped at any of them; the run that nobody disturbed takes them in together."""
+    monkeypatch.setattr(timeline, "MOST_TOGETHER", 1)
 
 
 @pytest.fixture(scope="module")
