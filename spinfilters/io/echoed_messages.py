@@ -42,7 +42,7 @@ class EchoedMessagesReader(StatedReader):
         messages = list(_messages(path))
         names = [name for name in messages[0] if all(name in message for message in messages)]
         columns = {name: np.array([message[name] for message in messages]) for name in names}
-        if not any("pose" in name for name in names):  # of TwistStamped, in axes of the body
+        if not any(name.startswith("pose.") for name in names):  # of TwistStamped, in axes of the body
             columns = {name.replace("twist.angular.", "angular_velocity."): c for name, c in columns.items()}
         source = ArrayColumns(path, tuple(columns), tuple(columns.values()))
         return motion_dataset(path, path.name, motion_of(source, self.options))
