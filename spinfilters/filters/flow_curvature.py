@@ -30,9 +30,10 @@ SOFT: Final = 0.02
 """Standard deviation of the logarithm of second moments, beyond which states may bend by more than noise moves them."""
 LONGEST_STEP: Final = 0.35
 """Of these logarithms from the mean to the states that a bend is computed of; of a softer direction it is enlarged from there."""
-NEGLIGIBLE, LONGEST_PAUSE = 1e-3, 64
-"""Deviations of a belief below which a bend does not count, and stretches that pass at most before the next is computed. Each bend
-that does not count doubles the pause: so many equal ones in a row, which add up, are still far below a deviation."""
+NEGLIGIBLE, LONGEST_PAUSE = 0.03, 64
+"""Deviations of a belief below which a bend does not count, and stretches that pass at most before the next is computed. A hundred
+stretches of such bends would widen deviations by 3 %; those that make a filter over-confident are of 1 to 30. Each bend that does
+not count doubles the pause."""
 LEFT: Final = "flow_curvature.left"
 """Name in a snapshot."""
 
@@ -98,7 +99,7 @@ class FlowCurvature:
             self._left = float(self._left_after(dt)[-1])
 
     def _left_after(self, dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Seconds left of the stretch behind each step, to the bits of one after the other."""
+        """Seconds left of the stretch after each step, to the bits of one after the other."""
         return np.subtract.accumulate(np.concatenate([[self._left], dt]))[1:]
 
     def begun(self) -> "FlowCurvature":
