@@ -31,9 +31,9 @@ SOFT: Final = 0.02
 LONGEST_STEP: Final = 0.35
 """Of these logarithms from the mean to the states that a bend is computed of; of a softer direction it is enlarged from there."""
 NEGLIGIBLE, LONGEST_PAUSE = 0.1, 64
-"""Deviations of a belief below which a bend does not count, and stretches that pass at most before the next is computed. Ten stretches
-of such bends would widen deviations by 4 %; those that make a filter over-confident, as of short throws, are of 1 to 30. Each bend
-that does not count doubles the pause."""
+"""Deviations of a belief below which a bend does not count, and stretches that pass at most before the next is computed. Ten
+stretches of such bends would widen deviations by 4 %; those that make a filter over-confident, as of short throws, are of 1 to 30.
+Each bend that does not count doubles the pause."""
 LEFT: Final = "flow_curvature.left"
 """Name in a snapshot."""
 
