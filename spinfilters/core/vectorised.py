@@ -343,6 +343,10 @@ class Vectorised:
         """Address of the compiled loop, for other compiled code to call; None where there is none."""
         return self._library and ctypes.cast(self._library.spinfilters_lanes, ctypes.c_void_p).value
 
+    def build(self) -> None:
+        """Compile or load it now, as before a clock runs; without a compiler nothing."""
+        _ = self.loop
+
     def _count(self, arguments: tuple[np.ndarray, ...], rows: tuple[np.ndarray | None, ...]) -> int:
         if len(arguments) != len(self.widths) or len(rows) != len(arguments):
             raise ShapeError(f"{self.name} takes {len(self.widths)} arguments with rows for each")

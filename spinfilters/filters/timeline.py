@@ -279,14 +279,16 @@ def _taken_together(estimator: Estimator, timeline: Timeline, chosen: slice, row
     """Take in a run of epochs, as many of it as one call can, and add them to the rows; how many."""
     if chosen.start == chosen.stop:
         return 0
-    begin, part = working_seconds(), timeline[chosen]
+    part = timeline[chosen]
     time = times_of(part)
     dt = np.diff(time, prepend=rows.time)
     if not dt[0] > 0:
         return 0
+    begin = working_seconds()
     done = estimator.take_in(EpochRun(dt, sensors_of(part)), rows.room(len(dt)))
+    spent = working_seconds() - begin
     if done:
-        rows.extend(time[:done], (working_seconds() - begin) / done)
+        rows.extend(time[:done], spent / done)
     return done
 
 

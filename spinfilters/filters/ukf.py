@@ -80,6 +80,8 @@ class MultiplicativeUkf(MultiplicativeFilter):
             The sensors whose values `take_in` will get.
         """
         compiled_loops(self.process, models)
+        for model in models:
+            model.innovations_beside.build()
 
     def take_in(self, epochs: EpochRun, rows: Mapping[str, np.ndarray]) -> int:
         """Predict and update through consecutive epochs in one call of compiled code, to rounding as by single ones.

@@ -69,13 +69,16 @@ class PossibleCorrelation:
         if not self.explanations:
             return None
         size = self.explanations[0].last_roots.shape[-1]
-        odds = [each.probability / (1 - each.probability) for each in self.explanations]
+        sure = [min(each.probability, MOST_SURE) for each in self.explanations]
+        odds = [probability / (1 - probability) for probability in sure]
         weights = np.concatenate([[1.0], *(each * NODE_WEIGHTS for each in odds)])
         roots = [np.eye(size)[np.newaxis], *(each.last_roots for each in self.explanations)]
         return ErrorMixture(weights / weights.sum(), np.concatenate(roots))
 
 
 NO_CORRELATION: Final = PossibleCorrelation()
+MOST_SURE: Final = 1 - 1e-12
+"""Probability of an explanation beyond which its odds are the same; rounding makes some 1."""
 
 
 def possible_correlation(

@@ -105,6 +105,13 @@ def test_errors_are_a_mixture_of_white_ones_and_of_each_explanation_at_its_odds(
     assert NO_CORRELATION.mixture is None
 
 
+def test_errors_that_surely_last_leave_white_ones_no_weight(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = possible(monkeypatch, errors(1.0, 2.0, 1.5)).mixture
+    assert found is not None
+    assert found.weights[0] < 1e-9
+    assert found.weights.sum() == pytest.approx(1.0)
+
+
 @cache
 def compared_gyro(correlation: float) -> Comparison:
     """Of rates that say nothing of their noise."""
