@@ -1,6 +1,7 @@
 """CasADi functions over many rows at once: C code with SIMD lanes, generated, compiled and called on arrays."""
 
 import ctypes
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Sequence
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
@@ -279,7 +280,35 @@ def _line(function: ca.Function, k: int, take: _Place, give: _Place) -> str | No
 SIMD_FLAGS = (*FLAGS, "-O3", NATIVE, "-fopenmp-simd", "-fno-math-errno", "-fno-trapping-math")
 
 
-class Vectorised:
+class _GeneratedLoop(ABC):
+    """A loop over items in generated C, which is compiled on first use."""
+
+    @property
+    def is_c(self) -> bool:
+        """Whether calls run generated C. Compiles on first use."""
+        return self._library is not None
+
+    @built_property
+    def loop(self) -> int | None:
+        """Address of the compiled loop, for other compiled code to call; None where there is none."""
+        return self._library and ctypes.cast(self._library.spinfilters_lanes, ctypes.c_void_p).value
+
+    def build(self) -> None:
+        """Compile or load it now, as before a clock runs; without a compiler nothing."""
+        _ = self.loop
+
+    @built_property
+    def _library(self) -> ctypes.PyDLL | None:
+        """The compiled loop; None where there is none."""
+        text, name = self._text()
+        return None if text is None else load_text(name, text, SIMD_FLAGS)
+
+    @abstractmethod
+    def _text(self) -> tuple[str | None, str]:
+        """C of the loop, None where an instruction has none, and the name of its library."""
+
+
+class Vectorised(_GeneratedLoop):
     """One function whose inputs and outputs are columns of numbers, for items in rows.
 
     Parameters
@@ -333,20 +362,6 @@ class Vectorised:
         """The expression, for others to be made of it."""
         return self._function
 
-    @property
-    def is_c(self) -> bool:
-        """Whether calls run generated C. Compiles on first use."""
-        return self._library is not None
-
-    @built_property
-    def loop(self) -> int | None:
-        """Address of the compiled loop, for other compiled code to call; None where there is none."""
-        return self._library and ctypes.cast(self._library.spinfilters_lanes, ctypes.c_void_p).value
-
-    def build(self) -> None:
-        """Compile or load it now, as before a clock runs; without a compiler nothing."""
-        _ = self.loop
-
     def _count(self, arguments: tuple[np.ndarray, ...], rows: tuple[np.ndarray | None, ...]) -> int:
         if len(arguments) != len(self.widths) or len(rows) != len(arguments):
             raise ShapeError(f"{self.name} takes {len(self.widths)} arguments with rows for each")
@@ -362,13 +377,11 @@ class Vectorised:
             raise ShapeError(f"{self.name}: arguments have {sorted(counts)} items; give the same number")
         return counts.pop() if counts else 1
 
-    @built_property
-    def _library(self) -> ctypes.PyDLL | None:
-        text = simd_text(self._plain.function)
-        return None if text is None else load_text(f"{self.name}_lanes", text, SIMD_FLAGS)
+    def _text(self) -> tuple[str | None, str]:
+        return simd_text(self._plain.function), f"{self.name}_lanes"
 
 
-class VectorisedScan:
+class VectorisedScan(_GeneratedLoop):
     """Scan: an initial state, a repeated body, and an output, for many items side by side.
 
     Every input and output is a column of numbers, of an item (k, n), or of all of them (1, n).
@@ -421,16 +434,6 @@ class VectorisedScan:
         same = (None,) * len(arguments)
         return _run(self._library, arguments, same, [(count, made) for made in self._made], each)
 
-    @property
-    def is_c(self) -> bool:
-        """Whether calls run generated C. Compiles on first use."""
-        return self._library is not None
-
-    @built_property
-    def loop(self) -> int | None:
-        """Address of the compiled loop, for other compiled code to call; None where there is none."""
-        return self._library and ctypes.cast(self._library.spinfilters_lanes, ctypes.c_void_p).value
-
     def _interpreted(self, arguments: list[np.ndarray], each: np.ndarray) -> tuple[np.ndarray, ...]:
         begin, turn, end = self._plain
         x, *same = begin(*arguments)
@@ -438,10 +441,8 @@ class VectorisedScan:
             (x,) = turn(x, *same, np.tile(numbers, (len(x), 1)))
         return end(*arguments, x)
 
-    @built_property
-    def _library(self) -> ctypes.PyDLL | None:
-        text = scan_text(*[plain.function for plain in self._plain])
-        return None if text is None else load_text(f"{self.name}_fold", text, SIMD_FLAGS)
+    def _text(self) -> tuple[str | None, str]:
+        return scan_text(*[plain.function for plain in self._plain]), f"{self.name}_fold"
 
 
 _FLOAT, _INTEGER = np.dtype(np.float64), np.dtype(np.int64)

@@ -67,7 +67,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
         self._subset = cache(self._build_subset)
 
     def __init_subclass__(cls) -> None:
-        """Let a filter that changes a step take every epoch by itself, unless it says how it takes several."""
+        """Make a subclass without its own `take_in` take each epoch by itself, outside compiled loops."""
         if "take_in" not in vars(cls):
             cls.take_in = Estimator.take_in
 
