@@ -161,7 +161,8 @@ def widened_runs(
         for k, rate, step in zip(due.tolist(), rates.tolist(), dt[due].tolist(), strict=True)
     ]
     bends = bends_of_runs(process, mean[due], S, np.array(stretches))
-    negligible, finite = _sizes(bends, S) < NEGLIGIBLE, np.isfinite(bends).all(axis=(1, 2))
+    negligible = _sizes(bends, S) < NEGLIGIBLE
+    finite = np.asarray(np.isfinite(bends).all(axis=(1, 2)))
     found = {}
     for k, c, stretch, small, known in zip(due.tolist(), bends, stretches, negligible, finite, strict=True):
         curvatures[k].begin_stretch(stretch, bool(small))
@@ -178,7 +179,7 @@ def _is_soft(layout: StateLayout, factor: Float[np.ndarray, "r N N"]) -> Bool[np
     if not layout.has(MASS_DISTRIBUTION):
         return np.zeros(len(factor), dtype=bool)
     rows = factor[:, layout.slice(MASS_DISTRIBUTION.name)]
-    soft = np.isfinite(rows).all(axis=(1, 2))
+    soft = np.asarray(np.isfinite(rows).all(axis=(1, 2)))
     soft[soft] = np.linalg.norm(rows[soft], 2, axis=(1, 2)) > SOFT
     return soft
 
