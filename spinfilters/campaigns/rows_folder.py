@@ -10,6 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Final
@@ -45,6 +46,11 @@ class RowRules:
     schema: pa.Schema
     levels: Sequence[Mapping[str, str]] = ()
 
+    @cached_property
+    def _kinds(self) -> dict[str, pa.DataType]:
+        """Types of the columns by name, which a schema makes anew each time that it is asked."""
+        return {each.name: each.type for each in self.schema}
+
     def is_row(self, row: object) -> bool:
         """Whether it is a mapping of known columns to values of their types, of a run that the study can have."""
         if not isinstance(row, dict) or row.get("outcome") not in OUTCOMES:
@@ -52,9 +58,8 @@ class RowRules:
         numbers: list[Any] = [row.get(name) for name in ("run", "cell", "seed")]
         if any(type(number) is not int or number < 0 for number in numbers):
             return False
-        if any(name not in self.schema.names for name in row):
-            return False
-        if not all(_is_of_type(row[each.name], each.type) for each in self.schema if each.name in row):
+        kinds = self._kinds
+        if not all(name in kinds and _is_of_type(value, kinds[name]) for name, value in row.items()):
             return False
         return self._is_of_study(row, *numbers)
 

@@ -85,13 +85,18 @@ def normalised_trace(
     columns: Float[np.ndarray, "n k c"], rows: Float[np.ndarray, "n k e"]
 ) -> Float[np.ndarray, " n"]:
     """tr(P^-1 C C') of columns C for P = rows rows', infinite where P is singular, by a triangular factor of P."""
-    transposed = np.swapaxes(rows, 1, 2)
+    transposed, k = np.swapaxes(rows, 1, 2), rows.shape[1]
     # Reflections leave an upper triangle as it is, so that a lower triangular factor needs none.
-    is_triangular = rows.shape[1] == rows.shape[2] and not np.triu(rows, 1).any()
+    is_triangular = k == rows.shape[2] and not any(rows[:, :j, j].any() for j in range(1, k))
     upper = transposed if is_triangular else np.asarray(np.linalg.qr(transposed, mode="r"))
     regular = regular_factors(upper)
     result = np.full(len(columns), np.inf)
-    whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), columns[regular])
+    upper, whitened = upper[regular], columns[regular]
+    # R' W = C by forward substitution, a row of all epochs at a time: w_j = (c_j - sum over i < j of r_ij w_i) / r_jj
+    for j in range(k):
+        if j:
+            whitened[:, j] -= np.einsum("ni,nic->nc", upper[:, :j, j], whitened[:, :j])
+        whitened[:, j] /= upper[:, j, j, np.newaxis]
     result[regular] = np.square(whitened).sum(axis=(1, 2))
     return result
 

@@ -14,7 +14,6 @@ process and measurements in its own way, or derives from `FirstOrderFilter` and 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -24,14 +23,13 @@ from spinfilters.filters.compiled_steps import Update, compiled_update
 from spinfilters.filters.epoch_run import (
     RunOptions,
     compiled_loops,
-    rows_of_runs,
     run_options,
     take_in,
     take_in_runs,
 )
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel, RunsTaken
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
-from spinfilters.filters.flow_curvature import FlowCurvature
+from spinfilters.filters.flow_curvature import FlowCurvature, widened_runs
 from spinfilters.filters.iterated_update import (
     IteratedObservations,
     IteratedUpdate,
@@ -195,35 +193,26 @@ class MultiplicativeEkf(FirstOrderFilter):
         if self._held is not None or constant < len(epochs.dt) or not models:
             return None
         options = self._run_options(models)
-        if any(self._curvature.widens(self.layout, each) for each in factor):
-            return self._take_in_widened(epochs, mean, factor, options)
-        return take_in_runs(self.process, mean, factor, epochs, options)
+        curvatures = [self._curvature.begun() for _ in mean]
 
-    def _take_in_widened(
-        self,
-        epochs: EpochRun,
-        mean: Float[np.ndarray, "r m"],
-        factor: Float[np.ndarray, "r n n"],
-        options: RunOptions,
-    ) -> RunsTaken | None:
-        """Runs whose covariances second-order terms of the motion widen, stretch by stretch, each run by itself."""
-        count, done = len(epochs.dt), np.zeros(len(mean), dtype=np.int64)
-        rows = rows_of_runs(count, mean, factor)
-        for number, (x, S) in enumerate(zip(mean, factor, strict=True)):
-            curvature, k = self._curvature.begun(), 0
-            while k < count:
-                S = curvature.widened(self.process, x, S, float(epochs.dt[k]))
-                stretch = slice(k, k + curvature.steps_in_stretch(epochs.dt[k:]))
-                own = {name: array[number, stretch] for name, array in rows.items()}
-                part = _part_of_run(epochs, number, len(mean), stretch)
-                taken = take_in(self.process, x, S, part, options, own)
-                if taken < len(part.dt):
-                    k += taken
-                    break
-                curvature.pass_steps(part.dt)
-                x, S, k = own["mean"][-1], own["factor"][-1], stretch.stop
-            done[number] = k
-        return RunsTaken(rows, done) if done.any() else None
+        def stretches(
+            runs: np.ndarray, epoch: np.ndarray, mean: np.ndarray, factor: np.ndarray
+        ) -> np.ndarray:
+            """Widen the beliefs of runs at which a stretch begins, and note the steps of the next one."""
+            chosen = [curvatures[run] for run in runs]
+            for k, wider in widened_runs(
+                chosen, self.process, mean[runs], factor[runs], epochs.dt[epoch]
+            ).items():
+                factor[runs[k]] = wider
+            ends = epoch.copy()
+            for k, curvature in enumerate(chosen):
+                dt = epochs.dt[epoch[k] :]
+                steps = curvature.steps_in_stretch(dt)
+                curvature.pass_steps(dt[:steps])
+                ends[k] += steps
+            return ends
+
+        return take_in_runs(self.process, mean, factor, epochs, options, stretches)
 
     def _run_options(self, models: Sequence[MeasurementModel]) -> RunOptions:
         """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""
@@ -266,14 +255,3 @@ class MultiplicativeEkf(FirstOrderFilter):
                 return None
         outliers.count(count, count - update.correction.dof // model.dim)
         return update
-
-
-def _part_of_run(epochs: EpochRun, number: int, runs: int, chosen: slice) -> EpochRun:
-    """Some epochs of one of many runs, whose values stand one run behind the other."""
-    sensors = []
-    for part in epochs.sensors:
-        every, per_run = part.every, len(part.every.values) // runs
-        own = slice(number * per_run, (number + 1) * per_run)
-        values = replace(every, values=every.values[own], parameters=every.parameters[own])
-        sensors.append(replace(part, every=values, first=part.first[chosen], end=part.end[chosen]))
-    return EpochRun(epochs.dt[chosen], tuple(sensors))

@@ -509,27 +509,31 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
   return done;
 }
 
-/* `take_in` for each of many runs of the same epochs: run r begins at mean[r] and factor[r], and has each sensor's values and
- * parameters `values_per_run` rows behind those of the run before. Leaves `epochs` rows and one of `done` behind for each run. */
+/* `take_in` for each of many runs of the same epochs, from begin[r] to before end[r]: run r is at mean[r] and factor[r] before,
+ * and has each sensor's values and parameters `values_per_run` rows behind those of the run before. There is room for `epochs` rows
+ * of each run; done[r] becomes how many epochs were taken in now. */
 void take_in_runs(const Filter* f, integer sensors, const Sensor* sensor, const integer* values_per_run, integer runs,
                   integer epochs, const double* dt, const double* mean, const double* factor, integer most, integer width,
-                  const Rows* to, integer* done) {
+                  const Rows* to, const integer* begin, const integer* end, integer* done) {
   const integer n = f->n, m = f->point;
   Sensor* own = malloc(sensors * sizeof(Sensor));
   /* zero first, which stands where there is no memory */
   for (integer r = 0; r < runs; ++r) done[r] = 0;
   /* a run's values and parameters of each sensor, and its rows of the output */
   for (integer r = 0; own && r < runs; ++r) {
+    if (begin[r] >= end[r]) continue;
     for (integer i = 0; i < sensors; ++i) {
       const integer before = r * values_per_run[i];
       own[i] = sensor[i];
+      own[i].first += begin[r];
+      own[i].end += begin[r];
       own[i].parameters += before * own[i].model->width;
       own[i].values += before * own[i].model->components;
     }
-    const integer row = r * epochs;
+    const integer row = r * epochs + begin[r];
     const Rows rows = {to->mean + row * m,   to->factor + row * n * n, to->nis + row,     to->likelihood + row,
                        to->dof + row, to->accepted + row,       to->rejected + row};
-    done[r] = take_in(f, sensors, own, epochs, dt, mean + r * m, factor + r * n * n, most, width, &rows);
+    done[r] = take_in(f, sensors, own, end[r] - begin[r], dt + begin[r], mean + r * m, factor + r * n * n, most, width, &rows);
   }
   free(own);
 }

@@ -7,7 +7,7 @@ finite. Without a compiler, with a robust loss, or while noise levels adapt, eve
 
 import ctypes
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -40,9 +40,12 @@ from spinfilters.models.state_layout import StateLayout
 
 _SIGNATURES: Final = {
     "take_in": Signature("pip" + "ip" + "pp" + "iip", ctypes.c_longlong),
-    "take_in_runs": Signature("pipp" + "iip" + "pp" + "iipp", None),
+    "take_in_runs": Signature("pipp" + "iip" + "pp" + "iip" + "ppp", None),
 }
 _ROWS: Final = ("mean", "factor", "nis", "log_likelihood", *COUNTS)
+Stretches = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Of some runs, their next epochs, and means and factors of all runs there, the epochs at which these runs stop next. It may
+replace these runs' means and factors in place."""
 
 
 class _Sensor(ctypes.Structure):
@@ -191,6 +194,7 @@ def take_in_runs(
     factor: Float[np.ndarray, "r n n"],
     epochs: EpochRun,
     options: RunOptions,
+    stretches: Stretches | None = None,
 ) -> RunsTaken | None:
     """Take a first-order filter through many runs of the same epochs, each to the numbers of `take_in`.
 
@@ -200,6 +204,8 @@ def take_in_runs(
         The beliefs before, one of each run.
     epochs : EpochRun
         Of the first run; its sensors hold the values of all runs, one run behind the other.
+    stretches : Stretches or None
+        Where runs stop in between for something to be done to their beliefs; None: nowhere.
 
     Returns
     -------
@@ -210,20 +216,27 @@ def take_in_runs(
     if call is None:
         return None
     runs, count = len(mean), len(epochs.dt)
-    dt, x, S = (np.ascontiguousarray(array, dtype=float) for array in (epochs.dt, mean, factor))
-    room = rows_of_runs(count, x, S)
-    done = np.zeros(runs, dtype=np.int64)
+    dt, x, S = (np.array(array, dtype=float, order="C") for array in (epochs.dt, mean, factor))
+    room = _rows_of_runs(count, x, S)
+    done, begin, end = (np.zeros(runs, dtype=np.int64) for _ in range(3))
     per_run = np.array([len(part.every.values) // runs for part in epochs.sensors], dtype=np.int64)
     places = (ctypes.c_void_p * len(_ROWS))(*(address(room[name]) for name in _ROWS))
-    call.library.take_in_runs(
-        *(ctypes.addressof(call.filter), len(call.sensors), ctypes.addressof(call.sensors), address(per_run)),
-        *(runs, count, *map(address, (dt, x, S))),
-        *(call.most, call.width, ctypes.addressof(places), address(done)),
-    )
-    return RunsTaken(room, done)
+    left = np.arange(runs)
+    while left.size:
+        end[:] = begin
+        end[left] = count if stretches is None else stretches(left, begin[left], x, S)
+        call.library.take_in_runs(
+            *(ctypes.addressof(call.filter), len(call.sensors), ctypes.addressof(call.sensors)),
+            *(address(per_run), runs, count, *map(address, (dt, x, S))),
+            *(call.most, call.width, ctypes.addressof(places), *map(address, (begin, end, done))),
+        )
+        begin += done
+        left = left[(begin[left] == end[left]) & (begin[left] < count)]
+        x[left], S[left] = room["mean"][left, begin[left] - 1], room["factor"][left, begin[left] - 1]
+    return RunsTaken(room, begin)
 
 
-def rows_of_runs(
+def _rows_of_runs(
     count: int, mean: Float[np.ndarray, "r m"], factor: Float[np.ndarray, "r n n"]
 ) -> dict[str, np.ndarray]:
     """Room for what so many epochs of each run leave, by name."""

@@ -13,10 +13,11 @@ a stretch of many steps, in which the body turns by a small angle, and count fro
 are weighted with them.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.filters.estimator import ProcessModel, Snapshot
 from spinfilters.filters.square_root import triangular_factor
@@ -70,23 +71,28 @@ class FlowCurvature:
         dt : float
             Duration of the step, s.
         """
-        if self._left >= dt / 2:
+        if not self.is_due(dt):
             return factor
-        layout = process.layout
-        if not self.widens(layout, factor):  # nor will it ever be: the mass distribution does not change
-            self._left = np.inf
-            return factor
-        rate = float(np.linalg.norm(mean[layout.mean_slice(RATE.name)]))
-        stretch = max(self._turn / rate, dt) if rate else dt
-        bends = bends_over(process, mean, factor[: layout.error_dim], stretch)
-        is_negligible = _size_of(bends, factor[: layout.error_dim]) < NEGLIGIBLE
+        return widened_runs([self], process, mean[np.newaxis], factor[np.newaxis], np.array([dt])).get(
+            0, factor
+        )
+
+    def is_due(self, dt: float) -> bool:
+        """Whether a stretch begins with a step of this duration (s)."""
+        return self._left < dt / 2
+
+    def stretch(self, rate: float, dt: float) -> float:
+        """Duration (s) of a stretch at a rate (rad/s), of no less than a step."""
+        return max(self._turn / rate, dt) if rate else dt
+
+    def begin_stretch(self, stretch: float, is_negligible: bool) -> None:
+        """Note that a stretch begins, and whether its terms count."""
         self._pause = min(2 * self._pause, LONGEST_PAUSE) if is_negligible else 1
         self._left = self._pause * stretch
-        if is_negligible or not np.isfinite(bends).all():
-            return factor
-        rows = np.zeros((len(factor), len(bends)))
-        rows[: layout.error_dim] = np.sqrt(0.75) * bends.T
-        return triangular_factor(np.concatenate([factor, rows], axis=1).T)  # S S' + 3/4 sum of c c'
+
+    def end(self) -> None:
+        """Widen no more: the mass distribution is known, and does not change."""
+        self._left = np.inf
 
     def steps_in_stretch(self, dt: Float[np.ndarray, " k"]) -> int:
         """How many of the next steps, of these durations, begin within the stretch that has begun."""
@@ -106,13 +112,6 @@ class FlowCurvature:
         """The same of another run, from its begin on."""
         return FlowCurvature(self._turn)
 
-    def widens(self, layout: StateLayout, factor: Float[np.ndarray, "N N"]) -> bool:
-        """Whether a filter that begins with a covariance factor is ever widened."""
-        if not np.isfinite(self._turn) or not layout.has(MASS_DISTRIBUTION):
-            return False
-        rows = factor[layout.slice(MASS_DISTRIBUTION.name)]
-        return bool(np.isfinite(rows).all() and np.linalg.norm(rows, 2) > SOFT)
-
     def snapshot(self) -> Snapshot:
         """Seconds until the next stretch begins, and the pause in stretches."""
         return {LEFT: np.array([self._left, self._pause])}
@@ -122,13 +121,80 @@ class FlowCurvature:
         self._left, self._pause = float(snapshot[LEFT][0]), int(snapshot[LEFT][1])
 
 
-def _size_of(bends: Float[np.ndarray, "q n"], factor: Float[np.ndarray, "n r"]) -> float:
-    """The largest bend in deviations of a belief; infinite where that is singular."""
-    square = factor if factor.shape[0] == factor.shape[1] else triangular_factor(factor.T)
+def widened_runs(
+    curvatures: Sequence[FlowCurvature],
+    process: ProcessModel,
+    mean: Float[np.ndarray, "r m"],
+    factor: Float[np.ndarray, "r N N"],
+    dt: Float[np.ndarray, " r"],
+) -> dict[int, Float[np.ndarray, "N N"]]:
+    """`FlowCurvature.widened` of many runs, each to the numbers of a run by itself.
+
+    Parameters
+    ----------
+    curvatures : Sequence[FlowCurvature]
+        Of each run.
+    mean, factor : ndarray
+        Beliefs of the runs before their next step.
+    dt : ndarray of float, shape (r,)
+        Duration of that step, s.
+
+    Returns
+    -------
+    dict[int, ndarray]
+        Covariance factors of the runs that are widened, by the run's place.
+    """
+    layout = process.layout
+    due = np.array([k for k, each in enumerate(curvatures) if each.is_due(float(dt[k]))], dtype=np.int64)
+    if not due.size:
+        return {}
+    soft = _is_soft(layout, factor[due])
+    for k in due[~soft].tolist():
+        curvatures[k].end()
+    due = due[soft]
+    if not due.size:
+        return {}
+    S = factor[due, : layout.error_dim]
+    rates = np.linalg.norm(mean[due][:, layout.mean_slice(RATE.name)], axis=1)
+    stretches = [
+        curvatures[k].stretch(rate, step)
+        for k, rate, step in zip(due.tolist(), rates.tolist(), dt[due].tolist(), strict=True)
+    ]
+    bends = bends_of_runs(process, mean[due], S, np.array(stretches))
+    negligible = _sizes(bends, S) < NEGLIGIBLE
+    finite = np.asarray(np.isfinite(bends).all(axis=(1, 2)))
+    found = {}
+    for k, c, stretch, small, known in zip(due.tolist(), bends, stretches, negligible, finite, strict=True):
+        curvatures[k].begin_stretch(stretch, bool(small))
+        if known and not small:
+            rows = np.zeros((factor.shape[1], len(c)))
+            rows[: layout.error_dim] = np.sqrt(0.75) * c.T
+            # S S' + 3/4 sum of c c'
+            found[k] = triangular_factor(np.concatenate([factor[k], rows], axis=1).T)
+    return found
+
+
+def _is_soft(layout: StateLayout, factor: Float[np.ndarray, "r N N"]) -> Bool[np.ndarray, " r"]:
+    """Whether states of each belief may bend: along its widest direction of the mass distribution, if it has one."""
+    if not layout.has(MASS_DISTRIBUTION):
+        return np.zeros(len(factor), dtype=bool)
+    rows = factor[:, layout.slice(MASS_DISTRIBUTION.name)]
+    soft = np.asarray(np.isfinite(rows).all(axis=(1, 2)))
+    soft[soft] = np.linalg.norm(rows[soft], 2, axis=(1, 2)) > SOFT
+    return soft
+
+
+def _sizes(bends: Float[np.ndarray, "r q n"], factor: Float[np.ndarray, "r n e"]) -> Float[np.ndarray, " r"]:
+    """The largest bend of each run in deviations of its belief; infinite where that is singular."""
+    square = factor
+    if factor.shape[1] != factor.shape[2]:
+        square = np.stack([triangular_factor(each.T) for each in factor])
     try:
-        return float(np.linalg.norm(np.linalg.solve(square, bends.T), axis=0).max(initial=0.0))
+        return np.linalg.norm(np.linalg.solve(square, np.swapaxes(bends, 1, 2)), axis=1).max(axis=1)
     except np.linalg.LinAlgError:
-        return np.inf
+        if len(bends) == 1:
+            return np.array([np.inf])
+        return np.concatenate([_sizes(bends[[k]], square[[k]]) for k in range(len(bends))])
 
 
 def bends_over(
@@ -153,21 +219,55 @@ def bends_over(
     (q, n) float array
         Changes of the state at the begin; not finite where F has no inverse.
     """
+    (bends,) = bends_of_runs(process, mean[np.newaxis], factor[np.newaxis], np.array([duration]))
+    return bends[np.any(bends != 0, axis=1)]
+
+
+def bends_of_runs(
+    process: ProcessModel,
+    mean: Float[np.ndarray, "r m"],
+    factor: Float[np.ndarray, "r n e"],
+    duration: Float[np.ndarray, " r"],
+) -> Float[np.ndarray, "r q n"]:
+    """F^-1 c of a stretch of each run along its principal directions of the mass distribution.
+
+    Parameters
+    ----------
+    mean : (r, m) float array
+        States at the begin.
+    factor : (r, n, e) float array
+        Their covariance factors.
+    duration : (r,) float array
+        Of each run's stretch, s.
+
+    Returns
+    -------
+    (r, q, n) float array
+        Changes of the state at the begin, zero along directions that are not soft; not finite where F has no inverse.
+    """
     layout = process.layout
-    rows = factor[layout.slice(MASS_DISTRIBUTION.name)]
+    rows = factor[:, layout.slice(MASS_DISTRIBUTION.name)]
     directions, widths, _ = np.linalg.svd(rows, full_matrices=False)
-    soft = widths > SOFT
-    if not soft.any():
-        return np.zeros((0, layout.error_dim))
-    # b = P[:, s] e / sigma, shortened to a step that stays where the second order holds
-    length = np.minimum(1.0, LONGEST_STEP / widths[soft])
-    b = (factor @ (rows.T @ (directions[:, soft] * (length / widths[soft])))).T
-    here = np.tile(mean, (len(b), 1))
-    around = np.concatenate([mean[np.newaxis], layout.retract(here, b), layout.retract(here, -b)])
+    bends = np.zeros((*widths.shape, layout.error_dim))
+    run, direction = np.nonzero(widths > SOFT)
+    if not run.size:
+        return bends
+    # b = P[:, s] e / sigma, shortened to a step that stays where the second order holds; a row for each run and direction
+    soft = widths[run, direction]
+    length = np.minimum(1.0, LONGEST_STEP / soft)
+    e = directions[run, :, direction] * (length / soft)[:, np.newaxis]
+    b = (factor[run] @ (np.swapaxes(rows, 1, 2)[run] @ e[:, :, np.newaxis]))[:, :, 0]
+    here, runs, count = mean[run], np.arange(len(mean)), len(b)
+    around = np.concatenate([layout.retract(here, b), layout.retract(here, -b), mean])
     try:
-        ends, transition = process.step(around, duration), process.linearise(mean, duration).transition
-        middle = np.tile(ends[0], (len(b), 1))
-        c = layout.local(middle, ends[1 : len(b) + 1]) + layout.local(middle, ends[len(b) + 1 :])
-        return np.linalg.solve(transition, (c / length[:, np.newaxis] ** 2).T).T
-    except (IntegrationError, np.linalg.LinAlgError):
-        return np.full((len(b), layout.error_dim), np.nan)
+        of = np.concatenate([run, run, runs])
+        ends, transition = process.steps(around, duration[of], of), process.transitions(mean, duration)
+        middle = ends[2 * count :][run]
+        c = layout.local(middle, ends[:count]) + layout.local(middle, ends[count : 2 * count])
+        bends[run, direction] = c / length[:, np.newaxis] ** 2
+        return np.swapaxes(np.linalg.solve(transition, np.swapaxes(bends, 1, 2)), 1, 2)
+    except (IntegrationError, np.linalg.LinAlgError):  # of one run, for which others need not pay
+        if len(runs) == 1:
+            return np.full_like(bends, np.nan)
+        alone = [bends_of_runs(process, mean[[k]], factor[[k]], duration[[k]]) for k in runs]
+        return np.concatenate(alone)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.core.attitude_expressions import Expression, quaternion_rate, rotate
 from spinfilters.core.compiled import Compiled
@@ -231,7 +231,12 @@ class TorqueFreeProcess:
         """
         return self._integrator.step(x, dt)
 
-    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
+    def steps(
+        self,
+        x: Float[np.ndarray, "k m"],
+        dt: Float[np.ndarray, " k"],
+        of: Int[np.ndarray, " k"] | None = None,
+    ) -> Float[np.ndarray, "k m"]:
         """Points after ``dt`` seconds (dt > 0) of their own without noise.
 
         Parameters
@@ -240,13 +245,15 @@ class TorqueFreeProcess:
             Points of the layout.
         dt : ndarray of float, shape (k,)
             Duration of each, s; positive.
+        of : ndarray of int, shape (k,), or None
+            Points of one number, counted from zero, take as many substeps; None: points of equal dt.
 
         Returns
         -------
         ndarray of float, shape (k, m)
             Points at the ends.
         """
-        return self._integrator.steps(x, dt)
+        return self._integrator.steps(x, dt, of)
 
     def disturbed_steps(
         self, x: Float[np.ndarray, "*batch m"], dt: float, normal: Float[np.ndarray, "n *batch 2 b"]
@@ -342,6 +349,25 @@ class TorqueFreeProcess:
             Point after it, error transition Phi (n, n), and factor G of the process noise, Q = G G'.
         """
         return self._integrator.linearise(x, dt, self._densities)
+
+    def transitions(
+        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]
+    ) -> Float[np.ndarray, "k n n"]:
+        """Error transitions of `linearise` of many points, each over its own dt > 0.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (k, m)
+            Points before the steps.
+        dt : ndarray of float, shape (k,)
+            Duration of each, s; positive.
+
+        Returns
+        -------
+        ndarray of float, shape (k, n, n)
+            Phi of each.
+        """
+        return self._integrator.transitions(x, dt, self._densities)
 
     def linearised_loops(self) -> LinearisedLoops | None:
         """Compiled loops of `linearise` for steps like those that were linearised so far.

@@ -430,14 +430,23 @@ class RotationIntegrator:
         _, coarse = self._scan(x, constants, all_of_it, coarse_step, each=np.zeros((count // 2, 1)))
         return after, self._step_error(coarse, fine)[0]
 
-    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
+    def steps(
+        self,
+        x: Float[np.ndarray, "k m"],
+        dt: Float[np.ndarray, " k"],
+        of: Int[np.ndarray, " k"] | None = None,
+    ) -> Float[np.ndarray, "k m"]:
         """Points after dt > 0 seconds, each with its own dt.
 
-        Points of equal dt take the same number of substeps, as in one `step` of them.
+        Points of equal dt, or of one number in ``of``, take the same number of substeps, as in one `step` of them.
         """
         if not (np.isfinite(dt) & (dt > 0)).all():
             raise InputError("time steps must be positive and finite")
-        intervals, of_interval = np.unique(dt, return_inverse=True)
+        if of is None:
+            intervals, of_interval = np.unique(dt, return_inverse=True)
+        else:
+            intervals, of_interval = np.zeros(of.max(initial=-1) + 1), of
+            intervals[of] = dt
         fastest = np.zeros(len(intervals))
         np.maximum.at(fastest, of_interval, self.speeds(x))
         counts = np.array(
@@ -476,6 +485,24 @@ class RotationIntegrator:
             if self.good(error, count):
                 return LinearisedStep(after, transition, factor)
             count *= 2
+
+    def transitions(
+        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"], densities: Float[np.ndarray, " p"]
+    ) -> Float[np.ndarray, "k n n"]:
+        """Error transitions of `linearise` of many points, each over its own dt > 0 seconds."""
+        found = np.empty((len(x), self._layout.error_dim, self._layout.error_dim))
+        counts = np.array([self.first_count(*each) for each in zip(x, dt.tolist(), strict=True)])
+        left = np.arange(len(x))
+        while left.size:
+            good = np.ones(len(left), dtype=bool)
+            for count in np.unique(counts[left]).tolist():
+                at = np.flatnonzero(counts[left] == count)
+                rows = left[at]
+                _, error, found[rows], _ = self._lineariser(count)(x[rows], dt[rows, None], densities)
+                good[at] = [self.good(worst, count) for worst in error]
+            left = left[~good]
+            counts[left] *= 2
+        return found
 
     @property
     def noise_dim(self) -> int:

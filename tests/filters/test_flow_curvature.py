@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from spinfilters.evaluation.consistency import chi_square_band, true_states
 from spinfilters.filters.ekf import MultiplicativeEkf
-from spinfilters.filters.flow_curvature import LEFT, SOFT, TURN, FlowCurvature, bends_over
+from spinfilters.filters.flow_curvature import LEFT, SOFT, TURN, FlowCurvature, bends_over, widened_runs
 from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, run
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
@@ -130,3 +130,23 @@ def test_a_filter_goes_on_from_a_snapshot_within_a_stretch() -> None:
     resumed.restore(whole.snapshot())
     ends = [run(each, timeline[49].time, timeline[50:]).factor[-1] for each in (whole, resumed)]
     np.testing.assert_array_equal(*ends)
+
+
+def test_runs_together_are_widened_as_each_by_itself() -> None:
+    """To the bit: soft and hardly soft beliefs, a known body, one that turns too fast, one whose belief is not finite."""
+    _, belief, _ = poses(3)
+    scale = np.ones((6, FULL.error_dim))
+    scale[1:3, FULL.slice("s")] = [[0.2], [0.01]]
+    factor = belief.factor * scale[:, :, np.newaxis]
+    factor[5, FULL.slice("s")] = np.nan
+    mean = np.tile(belief.mean, (6, 1))
+    mean[3, FULL.mean_slice("w")] *= 1e5
+    mean[4, FULL.mean_slice("w")] *= 1.1
+    dt = np.array([0.1, 0.1, 0.1, 3.0, 0.2, 0.1])
+    together, single = ([FlowCurvature(TURN) for _ in mean] for _ in range(2))
+    found = widened_runs(together, UNDISTURBED, mean, factor, dt)
+    assert {0, 4} <= set(found) <= {0, 1, 4}
+    for k, own in enumerate(single):
+        wider = own.widened(UNDISTURBED, mean[k], factor[k], float(dt[k]))
+        np.testing.assert_array_equal(found.get(k, factor[k]), wider)
+        np.testing.assert_array_equal(own.snapshot()[LEFT], together[k].snapshot()[LEFT])
