@@ -14,7 +14,7 @@ from time import process_time
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.api.recordings import simulate
+from spinfilters.api.simulation import simulate
 from spinfilters.evaluation.trajectory_errors import TruthErrors, root_mean_square
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog

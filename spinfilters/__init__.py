@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from spinfilters.api.campaign_frames import campaign
     from spinfilters.api.comparison import EstimatorResult, Run, compare, load_run
     from spinfilters.api.recorded_observability import observe_recording
-    from spinfilters.api.recordings import load, simulate
+    from spinfilters.api.recordings import load
+    from spinfilters.api.simulation import simulate
     from spinfilters.io.dataset import Dataset
     from spinfilters.lidar.mesh import mass_properties, read_mesh
     from spinfilters.settings.run_settings import Settings
@@ -71,7 +72,7 @@ _MODULES = {
     "observe": "spinfilters.api.analysis",
     "observe_recording": "spinfilters.api.recorded_observability",
     "read_mesh": "spinfilters.lidar.mesh",
-    "simulate": "spinfilters.api.recordings",
+    "simulate": "spinfilters.api.simulation",
 }
 """Where each public name comes from."""
 

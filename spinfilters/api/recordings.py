@@ -1,38 +1,25 @@
-"""Data sets: read from files, or simulated."""
+"""Data sets read from files, or from tables in memory."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from spinfilters.api.arguments import SEGMENT
-from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import (
     KIND,
-    called,
     checked_arguments,
     is_path,
     one_of,
     optional,
     refuse,
     text,
-    three_numbers,
-    truth,
 )
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_reader import IMAGES, has_images
 from spinfilters.io.input_file import value_text
-from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table, reading_options
-from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.io.stated_values import RATE_UNITS, ReadingOptions
-from spinfilters.models.sensor_registry import has_error
-from spinfilters.models.state_blocks import GYRO_BIAS as BIAS_BLOCK
 from spinfilters.run.bag_recording import unpacked_recording
 from spinfilters.run.readers import read_dataset
-from spinfilters.run.segment_choice import read_chosen, segment_choice
-from spinfilters.simulation.scenario import Progress, Scenario, silent, without_map
-from spinfilters.simulation.scenario import simulate as simulate_scenario
-from spinfilters.simulation.scenario_record import GYRO_BIAS
 
 
 @checked_arguments(
@@ -96,6 +83,8 @@ def load(
     if units is not None:
         if unit is not None or clock is not None:
             raise InputError("units says what unit and clock say; give one of them")
+        from spinfilters.io.memory_tables import reading_options
+
         stated = reading_options(units, rate)
         unit, clock = stated.unit, stated.clock
     options = ReadingOptions(unit, clock, rate, topic, columns, rig)
@@ -106,6 +95,9 @@ def load(
             f"kind {value_text(kind)} is for tables in memory; a file states its own: leave it out"
         )
     if segment is not None:
+        from spinfilters.api.arguments import SEGMENT
+        from spinfilters.run.segment_choice import read_chosen, segment_choice
+
         if not isinstance(segment, str):
             SEGMENT.require("segment", segment)
         return read_chosen(path, segment_choice(segment), options)
@@ -120,6 +112,8 @@ def load(
 
 def _in_memory(table: Any, kind: str | None, options: ReadingOptions, segment: int | str | None) -> Dataset:
     """Data set of a table in memory. InputError: no table; statements and segments that are of files."""
+    from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
+
     if not is_table(table):
         refuse("path", table, WHAT_TO_GIVE)
     if segment is not None:
@@ -129,108 +123,3 @@ def _in_memory(table: Any, kind: str | None, options: ReadingOptions, segment: i
     if options.unit is not None:
         units["rate" if options.unit in RATE_UNITS else "position"] = options.unit
     return Dataset.from_dataframe(table, kind, units=units or None, rate=options.rate)
-
-
-@checked_arguments(Scenario, known_map=truth, gyro_bias=optional(three_numbers(GYRO_BIAS)), progress=called)
-@on_one_blas_thread
-def simulate(
-    kind: str = Scenario.kind,
-    *,
-    seed: int = Scenario.seed,
-    frames: int = Scenario.epochs,
-    interval: float = Scenario.interval,
-    rate_rpm: Sequence[float] = Scenario.rate_rpm,
-    moments: Sequence[float] = Scenario.principal_moments,
-    known_map: bool = False,
-    gyro_bias: Sequence[float] | None = None,
-    inspector: str = Scenario.inspector,
-    inspector_errors: Mapping[str, float] | None = None,
-    beside: Mapping[str, float] | None = None,
-    progress: Progress = silent,
-) -> Dataset:
-    """Simulated data set with truth, as ``spinfilters simulate`` writes it; body, camera, noise and disturbances are the thesis'.
-
-    Parameters
-    ----------
-    kind : str
-        "stereo-tracks", "mono-tracks", "pose", "attitude", "gyro", "magnetometer", "lidar-points", "lidar-poses" or that of an
-        installed sensor.
-    seed : int
-        Of everything random.
-    frames : int
-        Number of epochs, at least 2.
-    interval : float
-        Between epochs, s.
-    rate_rpm : sequence of 3 floats
-        Initial rate about the principal axes x, y, z, rpm.
-    moments : sequence of 3 floats
-        Principal moments about them, any scale.
-    known_map : bool
-        Whether the data set gives the landmarks' positions; of tracks only.
-    gyro_bias : sequence of 3 floats or None
-        Constant error of a gyro's rates, g axes, rad/s; of that kind only.
-    inspector : str
-        "static", or how the camera moves on a known trajectory: "circle" about the body, "sway", or "dead-band" of thrusters that
-        fire at the edges of one; of tracks only.
-    inspector_errors : Mapping[str, float] or None
-        Sizes, by name, of what is wrong with its poses: "late" s, "turning" rad and "drifting" m over the recording, "lever" m from
-        the camera, "sparse" s between them, "missing" (any size). Nothing is stated then of how well they are known.
-    beside : Mapping[str, float] or None
-        Intervals, s, of other kinds of sensors that see the same motion.
-    progress : Callable[[int, int], None]
-        Called after every epoch of the motion with how many are done, and of how many.
-
-    Returns
-    -------
-    Dataset
-        With truth; without the map of its landmarks unless ``known_map``.
-
-    Raises
-    ------
-    InputError
-        An unknown kind, a number out of its range, moments of no body, more than 100 revolutions between epochs.
-    """
-    others = tuple((beside or {}).items())
-    if gyro_bias is not None:
-        _require_gyro((kind, *(name for name, _ in others)))
-    scenario = Scenario(
-        kind=kind,
-        epochs=frames,
-        interval=interval,
-        rate_rpm=_triple(rate_rpm),
-        principal_moments=_triple(moments),
-        inspector=inspector,
-        inspector_errors=tuple((inspector_errors or {}).items()),
-        beside=others,
-        gyro_bias=Scenario.gyro_bias if gyro_bias is None else _triple(gyro_bias),
-        seed=seed,
-    )
-    return simulated_dataset(scenario, known_map, progress)
-
-
-def simulated_dataset(scenario: Scenario, known_map: bool, progress: Progress) -> Dataset:
-    """Data set of a scenario, with the map of its landmarks where that is to be known.
-
-    Raises
-    ------
-    InputError
-        More than 100 revolutions between epochs, a map or a bias without a sensor that has one.
-    """
-    scenario.require_slow()
-    seeing = [name for name, form in dataset_kinds().items() if form.has_landmarks]
-    if known_map and not any(each in seeing for each in scenario.kinds):
-        raise InputError(f"a known map is for the kinds {' and '.join(seeing)}; a {scenario.kind} has no map")
-    if any(scenario.gyro_bias):
-        _require_gyro(scenario.kinds)
-    dataset = simulate_scenario(scenario, progress)
-    return dataset if known_map else without_map(dataset)
-
-
-def _require_gyro(kinds: Sequence[str]) -> None:
-    """InputError: a bias without a gyro."""
-    if not has_error(kinds, BIAS_BLOCK):
-        raise InputError(f"a gyro's bias is for the kind gyro; a {kinds[0]} has no gyro")
-
-
-def _triple(numbers: Sequence[float]) -> tuple[float, float, float]:
-    return numbers[0], numbers[1], numbers[2]

@@ -13,12 +13,12 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import path_text, printable, read_bytes
 from spinfilters.io.logger_names import understood_names
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
+from spinfilters.io.stated_values import ReadingOptions
 
 LARGEST: Final = 2 * 1024**3
 MAGIC: Final = b"\xa3\x95"
@@ -50,30 +50,22 @@ class _Message(NamedTuple):
     kinds: str
 
 
-class ArduPilotLogReader(StatedReader):
-    """Body rates of an ArduPilot log."""
-
-    name, order = "ardupilot-log", 43
-    words = "an ArduPilot log (.bin, .log)"
-    suffixes = (".bin", ".log")
-    magic = (MAGIC, b"FMT,")
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates of the first gyro of the first message that has some."""
-        self.options.require_only(("unit", "clock"), "an ArduPilot log")
-        content = read_bytes(path, LARGEST)
-        tables = _binary(content) if content.startswith(MAGIC) else _text(content.decode("ascii", "replace"))
-        chosen = next((tables[name] for name in MESSAGES if name in tables), None)
-        if chosen is None:
-            listed = ", ".join(sorted(map(printable, tables))[:8]) or "nothing"
-            raise InputError(
-                f"{path_text(path)}: has no message {' or '.join(MESSAGES[:2])}, only {listed}; log the IMU"
-            )
-        instance = chosen.get("I")
-        rows = slice(None) if instance is None else instance == instance[0]
-        names = understood_names(tuple(chosen))
-        columns = ArrayColumns(path, tuple(names), tuple(values[rows] for values in chosen.values()))
-        return motion_dataset(path, path.name, motion_of(columns, self.options))
+def read_ardupilot_log(path: Path, options: ReadingOptions) -> Dataset:
+    """Rates of the first gyro of the first message that has some."""
+    options.require_only(("unit", "clock"), "an ArduPilot log")
+    content = read_bytes(path, LARGEST)
+    tables = _binary(content) if content.startswith(MAGIC) else _text(content.decode("ascii", "replace"))
+    chosen = next((tables[name] for name in MESSAGES if name in tables), None)
+    if chosen is None:
+        listed = ", ".join(sorted(map(printable, tables))[:8]) or "nothing"
+        raise InputError(
+            f"{path_text(path)}: has no message {' or '.join(MESSAGES[:2])}, only {listed}; log the IMU"
+        )
+    instance = chosen.get("I")
+    rows = slice(None) if instance is None else instance == instance[0]
+    names = understood_names(tuple(chosen))
+    columns = ArrayColumns(path, tuple(names), tuple(values[rows] for values in chosen.values()))
+    return motion_dataset(path, path.name, motion_of(columns, options))
 
 
 def _binary(data: bytes) -> dict[str, dict[str, np.ndarray]]:

@@ -15,7 +15,6 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import (
     MAX_TABLE_ROWS,
     ignored_warnings,
@@ -30,7 +29,7 @@ from spinfilters.io.memory_tables import array_columns
 from spinfilters.io.motion_file import bare_quantity, motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
-from spinfilters.io.stated_values import CLOCK_UNITS, LENGTH_UNITS, RATE_UNITS, to_state
+from spinfilters.io.stated_values import CLOCK_UNITS, LENGTH_UNITS, RATE_UNITS, ReadingOptions, to_state
 
 LARGEST: Final = 2 * 1024**3
 """Bytes of a file, and of the numbers in it."""
@@ -43,26 +42,16 @@ _SENSORS: Final = ("gyroscope", "gyroscopeuncalibrated", "gyro", "imu")
 """Values of the key "sensor" in JSON whose rows are body rates, in the order in which they are taken."""
 
 
-class ArrayExportReader(StatedReader):
-    """A file of named arrays; its columns are known by their names as those of a text table."""
-
-    name, order = "array-export", 45
-    words = "a .npz, .mat, .h5, .parquet or .json of arrays"
-
-    suffixes = (".npz", ".mat", ".h5", ".hdf5", ".parquet", ".pq", ".json")
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Data set of the arrays that describe a motion."""
-        suffix, names = path.suffix.lower(), self.options.column_names
-        has_names = suffix in (".parquet", ".pq", ".json")
-        self.options.require_only(
-            ("unit", "clock", "rate", *([] if has_names else ["columns"])), "a file of arrays"
-        )
-        require_file(path, LARGEST)
-        columns, bare = _READERS[suffix](path, names), bare_quantity(path)
-        if suffix == ".json" or names:
-            bare = "rate"
-        return motion_dataset(path, path.name, motion_of(columns, self.options, bare))
+def read_array_export(path: Path, options: ReadingOptions) -> Dataset:
+    """Data set of the arrays that describe a motion."""
+    suffix, names = path.suffix.lower(), options.column_names
+    has_names = suffix in (".parquet", ".pq", ".json")
+    options.require_only(("unit", "clock", "rate", *([] if has_names else ["columns"])), "a file of arrays")
+    require_file(path, LARGEST)
+    columns, bare = _READERS[suffix](path, names), bare_quantity(path)
+    if suffix == ".json" or names:
+        bare = "rate"
+    return motion_dataset(path, path.name, motion_of(columns, options, bare))
 
 
 def _npz(path: Path, stated: Sequence[str]) -> ArrayColumns:

@@ -10,7 +10,6 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     parse_number,
@@ -22,11 +21,11 @@ from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import MotionTable
 from spinfilters.io.sensor_tables import require_clock
+from spinfilters.io.stated_values import ReadingOptions
 from spinfilters.io.table_layout import TableLayout
 from spinfilters.io.text_table import Table
 from spinfilters.io.xml_file import read_xml
 
-_SUFFIXES: Final = (".a", ".aem", ".xml")
 _POSITIONS: Final = (".e", ".oem")
 """Ephemerides of positions, which hold no attitude."""
 _STK_FORMATS: Final = {
@@ -40,37 +39,27 @@ _BODY = re.compile(r"SC_BODY|SPACECRAFT|BODY|INSTRUMENT|SENSOR|BUS", re.IGNORECA
 _KEY = re.compile(r"\s*([A-Za-z_]+)\s*=\s*(.*?)\s*(?:\[.*\]\s*)?")
 
 
-class AttitudeEphemerisReader(StatedReader):
-    """Attitudes q_ib of an ephemeris.
+def read_attitude_ephemeris(path: Path, options: ReadingOptions) -> Dataset:
+    """Attitudes q_ib of all rows.
 
     Both formats write the quaternion of the transformation from the inertial to the body frame, A(q) of Wertz (1978, Eq. 12-13),
     whose components are those of our q_ib, from body to inertial.
     """
-
-    name, order = "attitude-ephemeris", 47
-    words = "an attitude ephemeris (.a, .aem)"
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a file is named as one, or as one of positions."""
-        return path.suffix.lower() in (*_SUFFIXES, *_POSITIONS) and not path.is_dir()
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Attitudes of all rows."""
-        self.options.require_only((), "an attitude ephemeris")
-        if path.suffix.lower() in _POSITIONS:
-            raise InputError(
-                f"{path_text(path)}: an ephemeris of positions holds no attitude; give that of attitudes (.a, .aem)"
-            )
-        rows = _rows(path)
-        names = ("time_s", "qx", "qy", "qz", "qw")
-        numbers = np.array([row.numbers for row in rows], dtype=np.float64).reshape(-1, 5)
-        table = Table(path, TableLayout(names), names, numbers, [row.line for row in rows])
-        if not rows:
-            raise InputError(f"{path_text(path)}: has no rows of attitudes; export it again")
-        require_clock(table)
-        with table.naming_lines():
-            stream = MeasurementStream("attitude", numbers[:, 0], numbers[:, 1:])
-        return motion_dataset(path, path.name, MotionTable(stream, None, ()))
+    options.require_only((), "an attitude ephemeris")
+    if path.suffix.lower() in _POSITIONS:
+        raise InputError(
+            f"{path_text(path)}: an ephemeris of positions holds no attitude; give that of attitudes (.a, .aem)"
+        )
+    rows = _rows(path)
+    names = ("time_s", "qx", "qy", "qz", "qw")
+    numbers = np.array([row.numbers for row in rows], dtype=np.float64).reshape(-1, 5)
+    table = Table(path, TableLayout(names), names, numbers, [row.line for row in rows])
+    if not rows:
+        raise InputError(f"{path_text(path)}: has no rows of attitudes; export it again")
+    require_clock(table)
+    with table.naming_lines():
+        stream = MeasurementStream("attitude", numbers[:, 0], numbers[:, 1:])
+    return motion_dataset(path, path.name, MotionTable(stream, None, ()))
 
 
 def _rows(path: Path) -> list["_Attitude"]:

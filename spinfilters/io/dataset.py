@@ -19,7 +19,6 @@ from spinfilters.io.consider_parameter import consider_parameters
 from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import path_text, printable, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
-from spinfilters.io.memory_tables import measured_table, reading_options
 from spinfilters.io.sensor_format import CalibrationFiles, dataset_kinds, noise_options, sensor_format
 from spinfilters.io.sensor_tables import KnownMap
 from spinfilters.io.stated_values import NumberRange
@@ -350,6 +349,8 @@ class Dataset:
         InputError
             What the file would be refused for; the text names the row, counted from 0, the value and the cure.
         """
+        from spinfilters.io.memory_tables import measured_table, reading_options  # of no use to files
+
         options = reading_options(units, rate)
         kinds = dataset_kinds()
         tables = [(kind, table)]

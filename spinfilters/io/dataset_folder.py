@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from spinfilters.io.dataset import (
     require_cover,
     with_stated_deviations,
 )
-from spinfilters.io.dataset_reader import DatasetReader, RawDataReader
+from spinfilters.io.dataset_reader import RawDataReader
 from spinfilters.io.input_file import (
     path_text,
     printable,
@@ -57,54 +57,21 @@ _FRONT_ENDS = {
 }
 
 
-@dataclass(frozen=True)
-class DatasetFolderReader(DatasetReader):
-    """Folders with a dataset.toml, asked first: whatever else lies there is part of the data set.
+def read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None]) -> Dataset:
+    """Data set of a folder with dataset.toml: whatever else lies there is part of it.
 
-    Attributes
+    Parameters
     ----------
+    folder : Path
+        The folder.
     front_end : Callable[[str], RawDataReader | None]
         Gives the maker of measurements from raw data of a kind, None where there is none.
+
+    Raises
+    ------
+    InputError
+        A file that is damaged or missing; a kind that is not known.
     """
-
-    front_end: Callable[[str], RawDataReader | None]
-    name, order = "folder", 0
-    words = "a folder"
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a path is a folder with a dataset.toml."""
-        return os.path.lexists(path / DATASET_FILE)
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Data set of the folder."""
-        return _read_folder(path, self.front_end)
-
-
-@dataclass(frozen=True)
-class OtherFolderReader(DatasetReader):
-    """Any folder that no other reader recognises: refused with what it lacks.
-
-    Attributes
-    ----------
-    recordings_in : Callable[[Path], Sequence[Path]]
-        Gives the recordings in a folder that is none itself.
-    """
-
-    recordings_in: Callable[[Path], Sequence[Path]]
-    name, order = "other-folder", 90
-    words = DatasetFolderReader.words
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a path is a folder."""
-        return os.path.isdir(path)
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """InputError: always."""
-        require_folder(path)
-        raise _undescribed_error(path, self.recordings_in(path))
-
-
-def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None]) -> Dataset:
     require_folder(folder)
     kinds = dataset_kinds()
     path = folder / DATASET_FILE
@@ -138,8 +105,8 @@ def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None])
     )
 
 
-def _undescribed_error(folder: Path, recordings: Sequence[Path]) -> InputError:
-    """Error of a folder without dataset.toml, by what lies there instead."""
+def undescribed_folder(folder: Path, recordings: Sequence[Path]) -> InputError:
+    """The refusal of a folder without dataset.toml, by what lies there instead, such as recordings."""
     if os.path.isfile(folder / "cam0" / "data.csv"):
         return _no_front_end(folder, "stereo-images")
     if recordings:
@@ -250,30 +217,21 @@ def _text(path: Path, document: dict[str, Any], key: str, default: str | None = 
 _LARGEST_FILE = 2**63  # the reader that follows has its own limit
 
 
-@dataclass(frozen=True)
-class SensorTableReader(DatasetReader):
-    """Any path that no other reader recognises.
+def read_sensor_table(path: Path, readable: Callable[[], Iterable[str]]) -> Dataset:
+    """Data set of the table of one sensor, which is known by its suffix.
 
-    Attributes
+    Parameters
     ----------
-    readers : Callable[[], Iterable[DatasetReader]]
-        Gives all readers, whose words say what can be read.
+    path : Path
+        The table.
+    readable : Callable[[], Iterable[str]]
+        Gives the words for all formats of recordings, for the refusal of other files.
+
+    Raises
+    ------
+    InputError
+        A file that is none, a part of a data set, or of no known suffix.
     """
-
-    readers: Callable[[], Iterable[DatasetReader]]
-    name, order = "sensor-table", 100
-    words = ""
-
-    def recognises(self, path: Path) -> bool:
-        """Always: this reader is asked last."""
-        return True
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Data set of the one table."""
-        return _read_file(path, self.readers)
-
-
-def _read_file(path: Path, readers: Callable[[], Iterable[DatasetReader]]) -> Dataset:
     require_file(path, _LARGEST_FILE)
     formats = sensor_formats().values()
     parts = [form.file for form in formats if not form.suffixes]
@@ -283,16 +241,16 @@ def _read_file(path: Path, readers: Callable[[], Iterable[DatasetReader]]) -> Da
     if form is None:
         raise InputError(
             f"{path_text(path)}: {value_text(path.suffix)} is no known kind of file; "
-            f"give {_readable(readers())}, and unpack archives first"
+            f"give {_readable(readable())}, and unpack archives first"
         )
     log = MeasurementLog((read_sensor_file(form, path),))
     return Dataset(kind=form.kind, log=log, path=path, description=printable(path.name))
 
 
-def _readable(readers: Iterable[DatasetReader]) -> str:
+def _readable(words: Iterable[str]) -> str:
     """List of the formats that can be read."""
     singles = [form.suffix_words for form in sensor_formats().values() if form.suffixes]
-    *others, last = [*dict.fromkeys(reader.words for reader in readers if reader.words), *singles]
+    *others, last = [*dict.fromkeys(filter(None, words)), *singles]
     return f"{', '.join(others)} or {last}"
 
 

@@ -23,10 +23,16 @@ OnRefused = Callable[[int, str], None]
 """Called with the number of a segment that cannot be used, and why."""
 
 
+def is_file_named(path: Path, suffixes: tuple[str, ...]) -> bool:
+    """Whether a path, which need not exist, has one of the suffixes, in lower case with the dot, and is no folder."""
+    return path.suffix.lower() in suffixes and not os.path.isdir(path)
+
+
 class DatasetReader(ABC):
     """Reader of one format. A subclass states its attributes and writes `read`.
 
-    A file is of the format by `suffixes` and `magic`; what is recognised otherwise, such as a folder, overrides `recognises`.
+    A file is of the format by `suffixes` and `magic`, a folder by what it `holds`; what is recognised otherwise overrides
+    `recognises`. What only `read` needs is best imported there: every reader is asked for every recording.
 
     Attributes
     ----------
@@ -43,6 +49,8 @@ class DatasetReader(ABC):
         Of its files, in lower case with the dot. No run is saved as such a file.
     magic : tuple of bytes
         First bytes, of which a file must have some; by default any are taken, and `read` refuses the wrong ones.
+    holds : tuple of str
+        Paths of files in a folder of the format, which has at least one of them.
     """
 
     name: str
@@ -51,12 +59,17 @@ class DatasetReader(ABC):
     has_segments: bool = False
     suffixes: tuple[str, ...] = ()
     magic: tuple[bytes, ...] = ()
+    holds: tuple[str, ...] = ()
 
     def recognises(self, path: Path) -> bool:
-        """Whether a path, which need not exist, is of this format, judged by its name or its first bytes alone."""
-        if path.suffix.lower() not in self.suffixes or os.path.isdir(path):
-            return False
+        """Whether a path, which need not exist, is of this format, judged by names or its first bytes alone."""
+        if not is_file_named(path, self.suffixes):
+            return self.held(path) is not None
         return not self.magic or first_bytes(path, max(map(len, self.magic))).startswith(self.magic)
+
+    def held(self, path: Path) -> Path | None:
+        """The first of the files in a folder by which it is of this format."""
+        return next((path / name for name in self.holds if os.path.isfile(path / name)), None)
 
     @abstractmethod
     def read(self, path: Path, segment: int | None) -> Dataset:

@@ -1,6 +1,5 @@
 """Messages of ROS as text: what ``rostopic echo`` and ``ros2 topic echo`` print, with a line of hyphens behind each."""
 
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,42 +9,34 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import first_text, path_text, require_text_table
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
+from spinfilters.io.stated_values import ReadingOptions
 
-_SUFFIXES: Final = (".txt", ".yaml", ".yml", ".log")
 _HEAD: Final = 1 << 14
 _LINE = re.compile(r"( *)([A-Za-z_]\w{0,60}):\s*(.*?)\s*")
 _DEEPEST: Final = 8
 
 
-class EchoedMessagesReader(StatedReader):
-    """Stamped messages of one type: rates of Imu and TwistStamped, poses of PoseStamped and Odometry."""
+def has_echoed_messages(path: Path) -> bool:
+    """Whether a text begins with the header of a message, and a line of hyphens follows."""
+    lines = [line.strip() for line in first_text(path, _HEAD).splitlines()]
+    return lines[:1] == ["header:"] and "---" in lines
 
-    name, order = "echoed-messages", 41
-    words = "a text of rostopic echo"
 
-    def recognises(self, path: Path) -> bool:
-        """Whether a text begins with the header of a message, and a line of hyphens follows."""
-        if path.suffix.lower() not in _SUFFIXES or os.path.isdir(path):
-            return False
-        lines = [line.strip() for line in first_text(path, _HEAD).splitlines()]
-        return lines[:1] == ["header:"] and "---" in lines
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Motion of all whole messages."""
-        self.options.require_only((), "a text of rostopic echo")
-        require_text_table(path)
-        messages = list(_messages(path))
-        names = [name for name in messages[0] if all(name in message for message in messages)]
-        columns = {name: np.array([message[name] for message in messages]) for name in names}
-        if not any(name.startswith("pose.") for name in names):  # of TwistStamped, in axes of the body
-            columns = {name.replace("twist.angular.", "angular_velocity."): c for name, c in columns.items()}
-        source = ArrayColumns(path, tuple(columns), tuple(columns.values()))
-        return motion_dataset(path, path.name, motion_of(source, self.options))
+def read_echoed_messages(path: Path, options: ReadingOptions) -> Dataset:
+    """Motion of all whole messages of one type: rates of Imu and TwistStamped, poses of PoseStamped and Odometry."""
+    options.require_only((), "a text of rostopic echo")
+    require_text_table(path)
+    messages = list(_messages(path))
+    names = [name for name in messages[0] if all(name in message for message in messages)]
+    columns = {name: np.array([message[name] for message in messages]) for name in names}
+    if not any(name.startswith("pose.") for name in names):  # of TwistStamped, in axes of the body
+        columns = {name.replace("twist.angular.", "angular_velocity."): c for name, c in columns.items()}
+    source = ArrayColumns(path, tuple(columns), tuple(columns.values()))
+    return motion_dataset(path, path.name, motion_of(source, options))
 
 
 def _messages(path: Path) -> Iterator[dict[str, float]]:

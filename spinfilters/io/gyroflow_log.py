@@ -5,41 +5,35 @@ from typing import Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import first_text, parse_number, path_text, value_text
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns, TextColumns
-from spinfilters.io.stated_values import NOTHING_STATED
+from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.io.table_layout import read_layout
 
 _HEAD: Final = 1 << 16
 _COLUMNS: Final = ("t", "gx", "gy", "gz")
 
 
-class GyroflowReader(StatedReader):
-    """Rates of a log of Gyroflow: tscale makes seconds of its clock, gscale rad/s of its counts."""
+def read_gyroflow(path: Path, options: ReadingOptions) -> Dataset:
+    """Rates of a log: tscale makes seconds of its clock, gscale rad/s of its counts.
 
-    name, order = "gyroflow", 49
-    words = "a log of Gyroflow (.gcsv)"
-
-    suffixes = (".gcsv",)
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates about the axes of the log. InputError: no factors, or axes of a left hand."""
-        self.options.require_only((), "a log of Gyroflow")
-        cells = (line.partition(",") for line in first_text(path, _HEAD).splitlines())
-        stated = {name.strip(): value.strip() for name, _, value in cells}
-        second, rate = (_factor(path, name, stated.get(name, "")) for name in ("tscale", "gscale"))
-        _require_right_handed(path, stated.get("orientation", "XYZ"))
-        source = TextColumns(path, read_layout(path))
-        missing = [name for name in _COLUMNS if name not in source.names]
-        if missing:
-            raise InputError(f"{path_text(path)}: has no column {', '.join(missing)}; log the gyro")
-        table = source.read([source.names.index(name) for name in _COLUMNS], keys=1)
-        columns = (table.values[:, 0] * second, *(table.values[:, 1:] * rate).T)
-        names = ("time (s)", *(f"gyro_{axis} (rad/s)" for axis in "xyz"))
-        return motion_dataset(path, path.name, motion_of(ArrayColumns(path, names, columns), NOTHING_STATED))
+    InputError: no factors, or axes of a left hand.
+    """
+    options.require_only((), "a log of Gyroflow")
+    cells = (line.partition(",") for line in first_text(path, _HEAD).splitlines())
+    stated = {name.strip(): value.strip() for name, _, value in cells}
+    second, rate = (_factor(path, name, stated.get(name, "")) for name in ("tscale", "gscale"))
+    _require_right_handed(path, stated.get("orientation", "XYZ"))
+    source = TextColumns(path, read_layout(path))
+    missing = [name for name in _COLUMNS if name not in source.names]
+    if missing:
+        raise InputError(f"{path_text(path)}: has no column {', '.join(missing)}; log the gyro")
+    table = source.read([source.names.index(name) for name in _COLUMNS], keys=1)
+    columns = (table.values[:, 0] * second, *(table.values[:, 1:] * rate).T)
+    names = ("time (s)", *(f"gyro_{axis} (rad/s)" for axis in "xyz"))
+    return motion_dataset(path, path.name, motion_of(ArrayColumns(path, names, columns), NOTHING_STATED))
 
 
 def _factor(path: Path, name: str, text: str) -> float:

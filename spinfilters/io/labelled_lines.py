@@ -3,7 +3,6 @@
 Examples: ``12:34:05.020 -> gx:0.31 gy:1.49 gz:0.06``, and ``Rotation X: 0.31, Y: 1.49, Z: 0.06 rad/s``.
 """
 
-import os
 import re
 from collections import Counter
 from pathlib import Path
@@ -14,14 +13,13 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import MAX_TABLE_BYTES, first_text, path_text, require_file, require_text_table
 from spinfilters.io.motion_columns import heading_of
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
+from spinfilters.io.stated_values import ReadingOptions
 
-_SUFFIXES: Final = (".log", ".txt", ".csv")
 _HEAD: Final = 1 << 14
 _FEWEST: Final = 3
 """Labels of a line that is one of measurements."""
@@ -44,38 +42,31 @@ class _Line(NamedTuple):
     numbers: tuple[float, ...]
 
 
-class LabelledLinesReader(StatedReader):
-    """Lines of labels with numbers."""
+def has_labelled_lines(path: Path) -> bool:
+    """Whether at least half of the first lines have three labels with numbers."""
+    held = [line for line in first_text(path, _HEAD).splitlines() if line.strip()][:40]
+    return 2 * sum(len(_PAIR.findall(_in_pairs(line))) >= _FEWEST for line in held) >= max(len(held), 1)
 
-    name, order = "labelled-lines", 46
-    words = "a log of a serial port"
 
-    def recognises(self, path: Path) -> bool:
-        """Whether at least half of the first lines have three labels with numbers."""
-        if path.suffix.lower() not in _SUFFIXES or os.path.isdir(path):
-            return False
-        held = [line for line in first_text(path, _HEAD).splitlines() if line.strip()][:40]
-        return 2 * sum(len(_PAIR.findall(_in_pairs(line))) >= _FEWEST for line in held) >= max(len(held), 1)
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates of the lines that have some."""
-        self.options.require_only(("unit", "clock", "rate"), "a log of a serial port")
-        require_file(path, MAX_TABLE_BYTES)
-        require_text_table(path)
-        lines = [line for line in _lines(path) if len(line.labels) >= _FEWEST]
-        kinds = Counter((line.labels, line.time is not None) for line in lines)
-        rates = [kind for kind, _ in kinds.most_common() if _has_rate(kind[0])]
-        if not rates:
-            raise InputError(
-                f"{path_text(path)}: no line has body rates about x, y and z; print them as gx:0.1 gy:0.2 gz:0.3"
-            )
-        labels, is_timed = rates[0]
-        chosen = [line for line in lines if line.labels == labels and (line.time is not None) == is_timed]
-        columns = dict(zip(labels, np.array([line.numbers for line in chosen]).T, strict=True))
-        if is_timed:
-            columns = {"time (s)": np.array([line.time for line in chosen], dtype=np.float64), **columns}
-        source = ArrayColumns(path, tuple(columns), tuple(columns.values()))
-        return motion_dataset(path, path.name, motion_of(source, self.options))
+def read_labelled_lines(path: Path, options: ReadingOptions) -> Dataset:
+    """Rates of the lines that have some."""
+    options.require_only(("unit", "clock", "rate"), "a log of a serial port")
+    require_file(path, MAX_TABLE_BYTES)
+    require_text_table(path)
+    lines = [line for line in _lines(path) if len(line.labels) >= _FEWEST]
+    kinds = Counter((line.labels, line.time is not None) for line in lines)
+    rates = [kind for kind, _ in kinds.most_common() if _has_rate(kind[0])]
+    if not rates:
+        raise InputError(
+            f"{path_text(path)}: no line has body rates about x, y and z; print them as gx:0.1 gy:0.2 gz:0.3"
+        )
+    labels, is_timed = rates[0]
+    chosen = [line for line in lines if line.labels == labels and (line.time is not None) == is_timed]
+    columns = dict(zip(labels, np.array([line.numbers for line in chosen]).T, strict=True))
+    if is_timed:
+        columns = {"time (s)": np.array([line.time for line in chosen], dtype=np.float64), **columns}
+    source = ArrayColumns(path, tuple(columns), tuple(columns.values()))
+    return motion_dataset(path, path.name, motion_of(source, options))
 
 
 def _has_rate(labels: tuple[str, ...]) -> bool:

@@ -13,7 +13,6 @@ from jaxtyping import Float
 from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import first_text, path_text, printable
 from spinfilters.io.logger_names import understood_names
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
@@ -26,36 +25,27 @@ from spinfilters.io.table_layout import PREAMBLE_LINES
 from spinfilters.io.text_table import read_blank_separated
 from spinfilters.io.truth import TRUTH_TABLE
 
-_SUFFIXES = (".csv", ".tsv")
-_TEXTS = (".txt", ".dat", ".asc", ".log", ".data")
+_TABLES = (".csv", ".tsv")
+"""Suffixes of tables with a header; texts have others."""
 _RATE_FILES = ("gyro", "angular_velocity", "angularvelocity", "gyroscope", "rotationrate")
 _HEAD = 65536
 _ALONE = "gyro.csv"  # the one table of a folder that is a data set without it
 
 
-class MotionFileReader(StatedReader):
-    """Reader of a motion table; see `spinfilters.io.motion_table`."""
+def is_motion_file(path: Path) -> bool:
+    """Whether a table or text is a recording by itself: no part of a data set folder, and no .txt of poses in TUM's columns."""
+    return path.name not in _parts() and not (path.suffix.lower() == ".txt" and _is_poses_alone(path))
 
-    name, order = "motion-table", 95
-    words = "a gyro .csv"
 
-    def recognises(self, path: Path) -> bool:
-        """Whether a file is a single table, by suffix and name, and not a part of a data set folder."""
-        suffix = path.suffix.lower()
-        if path.name in _parts() or os.path.isdir(path):
-            return False
-        return suffix in _SUFFIXES or (suffix in _TEXTS and not (suffix == ".txt" and _is_poses_alone(path)))
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Data set of the table; its columns are known by their names, those of KITTI's poses by their number."""
-        if self.options.columns is not None:
-            return motion_dataset(path, path.name, read_motion_table(path, self.options, bare_quantity(path)))
-        if (poses := read_transforms(path, self.options)) is not None:
-            return motion_dataset(path, path.name, poses)
-        options = self.options
-        if _is_tum(_first_numbers(path)) and path.suffix.lower() in _TEXTS and _named(path) is None:
-            options = replace(options, columns=",".join(("t", *_TUM_NAMES)))
+def read_motion_file(path: Path, options: ReadingOptions) -> Dataset:
+    """Data set of the table; its columns are known by their names, those of KITTI's poses by their number."""
+    if options.columns is not None:
         return motion_dataset(path, path.name, read_motion_table(path, options, bare_quantity(path)))
+    if (poses := read_transforms(path, options)) is not None:
+        return motion_dataset(path, path.name, poses)
+    if _is_tum(_first_numbers(path)) and path.suffix.lower() not in _TABLES and _named(path) is None:
+        options = replace(options, columns=",".join(("t", *_TUM_NAMES)))
+    return motion_dataset(path, path.name, read_motion_table(path, options, bare_quantity(path)))
 
 
 _TRANSFORM: Final = 12
@@ -181,41 +171,11 @@ def _parts() -> set[str]:
     return files | {DATASET_FILE, LANDMARK_FILE, TRUTH_TABLE}
 
 
-_RATE_TABLES: Final = ("imu0/data.csv", "imu/data.csv", "imu.csv", "imu.txt")
-"""Tables of rates, relative to the root."""
-_POSE_TABLES: Final = (
-    "groundtruth.txt",
-    "state_groundtruth_estimate0/data.csv",
-    "vicon0/data.csv",
-    "mocap0/data.csv",
-    "gt/data.csv",
-)
-"""Tables of poses."""
-
-
-class LoggerFolderReader(StatedReader):
-    """Root of a recording in the layout of EuRoC or TUM: its rates, or its poses where it has no rates."""
-
-    name, order = "logger-folder", 25
-    words = "a folder of EuRoC or TUM"
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a folder, or mav0 in it, holds one of the tables."""
-        return os.path.isdir(path) and _table(path) is not None
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Data set of the table."""
-        table = _table(path) or path
-        if table.name == "groundtruth.txt":
-            self.options.require_only((), "a folder of TUM")
-            stream = read_tum(table)
-            return Dataset(kind="pose", log=MeasurementLog((stream,)), path=path, description=path.name)
-        measured = read_motion_table(table, self.options)
-        return motion_dataset(path, f"{path.name}, {table.relative_to(path)}", measured)
-
-
-def _table(folder: Path) -> Path | None:
-    """The first of the tables in a folder or in its mav0."""
-    roots = (folder, folder / "mav0")
-    tables = (root / name for name in (*_RATE_TABLES, *_POSE_TABLES) for root in roots)
-    return next((table for table in tables if os.path.isfile(table)), None)
+def read_logger_folder(path: Path, table: Path, options: ReadingOptions) -> Dataset:
+    """Root of a recording in the layout of EuRoC or TUM: its rates, or poses, from the table of that path in it."""
+    if table.name == "groundtruth.txt":
+        options.require_only((), "a folder of TUM")
+        stream = read_tum(table)
+        return Dataset(kind="pose", log=MeasurementLog((stream,)), path=path, description=path.name)
+    measured = read_motion_table(table, options)
+    return motion_dataset(path, f"{path.name}, {table.relative_to(path)}", measured)

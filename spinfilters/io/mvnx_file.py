@@ -10,43 +10,34 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import path_text, printable, value_text
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
-from spinfilters.io.stated_values import to_state
+from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions, to_state
 from spinfilters.io.xml_file import read_xml
 
 _POSE_NAMES: Final = ("px", "py", "pz", "qw", "qx", "qy", "qz")
 
 
-class MvnxReader(StatedReader):
-    """Poses of one segment: origin (m) and q_ib, scalar first, with the time of each frame in ms."""
-
-    name, order = "mvnx", 48
-    words = "an Xsens MVN export (.mvnx)"
-
-    suffixes = (".mvnx",)
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Poses of the only segment, or of the one that the user names by the topic."""
-        self.options.require_only(("topic",), "an Xsens MVN export")
-        root = read_xml(path)
-        labels = [each.get("label", "") for each in root.iter("segment")]
-        frames = [each for each in root.iter("frame") if each.get("type") == "normal"]
-        if not frames or not labels:
-            raise InputError(
-                f"{path_text(path)}: has no frames of segments; export orientation and position as MVNX"
-            )
-        place = _place(path, labels, self.options.topic)
-        poses = np.column_stack(
-            [_vectors(path, frames, name, len(labels), width)[:, place] for name, width in _PARTS]
+def read_mvnx(path: Path, options: ReadingOptions) -> Dataset:
+    """Poses of the only segment, or of the one that the topic names: origin (m) and q_ib, scalar first, with the time in ms."""
+    options.require_only(("topic",), "an Xsens MVN export")
+    root = read_xml(path)
+    labels = [each.get("label", "") for each in root.iter("segment")]
+    frames = [each for each in root.iter("frame") if each.get("type") == "normal"]
+    if not frames or not labels:
+        raise InputError(
+            f"{path_text(path)}: has no frames of segments; export orientation and position as MVNX"
         )
-        clock = _vectors(path, frames, "", 1, 1)[:, 0]
-        source = ArrayColumns(path, ("time_ms", *_POSE_NAMES), (*clock.T, *poses.T))
-        described = f"{path.name}, {printable(labels[place])}"
-        return motion_dataset(path, described, motion_of(source, type(self.options)()))
+    place = _place(path, labels, options.topic)
+    poses = np.column_stack(
+        [_vectors(path, frames, name, len(labels), width)[:, place] for name, width in _PARTS]
+    )
+    clock = _vectors(path, frames, "", 1, 1)[:, 0]
+    source = ArrayColumns(path, ("time_ms", *_POSE_NAMES), (*clock.T, *poses.T))
+    described = f"{path.name}, {printable(labels[place])}"
+    return motion_dataset(path, described, motion_of(source, NOTHING_STATED))
 
 
 _PARTS: Final = (("position", 3), ("orientation", 4))

@@ -10,13 +10,12 @@ from jaxtyping import Float
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import path_text, read_settings_text, value_text
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import MotionTable
 from spinfilters.io.sensor_tables import require_clock
-from spinfilters.io.stated_values import RATE
+from spinfilters.io.stated_values import RATE, ReadingOptions
 from spinfilters.io.table_layout import TableLayout
 from spinfilters.io.text_table import Table, read_blank_separated
 
@@ -24,41 +23,31 @@ _KITTI_RATES: Final = slice(17, 20)
 """Of the numbers of a KITTI file: about the forward, left and up axes of the unit, rad/s; 11 to 13 are the accelerations."""
 _KITTI_NUMBERS: Final = 30
 _MOST_FILES: Final = 1_000_000
-_TIME_42, _RATES_42, _ATTITUDES_42 = "time.42", "wbn.42", "qbn.42"
+_TIME_42, _RATES_42, _ATTITUDES_42 = "time.42", "wbn.42", "qbn.42"  # rad/s, scalar last
 
 
-class KittiFolderReader(StatedReader):
+def read_kitti_folder(path: Path, options: ReadingOptions) -> Dataset:
     """Rates of a drive of raw KITTI: a file for each epoch in oxts/data, their times in oxts/timestamps.txt."""
-
-    name, order = "kitti-oxts", 26
-    words = "a drive of raw KITTI"
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a folder, or oxts in it, holds times and data."""
-        return _oxts(path) is not None
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates of all epochs."""
-        self.options.require_only((), "a drive of raw KITTI")
-        folder = _oxts(path) or path
-        stamps = read_settings_text(folder / "timestamps.txt").split("\n")
-        times = [seconds_of_clock(line) for line in stamps if line.strip()]
-        files = sorted(file for file in (folder / "data").iterdir() if file.suffix == ".txt")
-        if len(files) != len(times) or len(files) > _MOST_FILES:
-            raise InputError(
-                f"{path_text(folder)}: has {len(files)} files in data and {len(times)} times; copy it again"
-            )
-        if None in times:
-            row = times.index(None)
-            raise InputError(
-                f"{path_text(folder / 'timestamps.txt')}: line {row + 1}: {value_text(stamps[row])} is no date; correct it"
-            )
-        values = np.column_stack([np.array(times, dtype=np.float64), [_oxts_rates(file) for file in files]])
-        return motion_dataset(path, path.name, _motion("gyro", folder / "timestamps.txt", values))
+    options.require_only((), "a drive of raw KITTI")
+    folder = oxts_folder(path) or path
+    stamps = read_settings_text(folder / "timestamps.txt").split("\n")
+    times = [seconds_of_clock(line) for line in stamps if line.strip()]
+    files = sorted(file for file in (folder / "data").iterdir() if file.suffix == ".txt")
+    if len(files) != len(times) or len(files) > _MOST_FILES:
+        raise InputError(
+            f"{path_text(folder)}: has {len(files)} files in data and {len(times)} times; copy it again"
+        )
+    if None in times:
+        row = times.index(None)
+        raise InputError(
+            f"{path_text(folder / 'timestamps.txt')}: line {row + 1}: {value_text(stamps[row])} is no date; correct it"
+        )
+    values = np.column_stack([np.array(times, dtype=np.float64), [_oxts_rates(file) for file in files]])
+    return motion_dataset(path, path.name, _motion("gyro", folder / "timestamps.txt", values))
 
 
-def _oxts(path: Path) -> Path | None:
-    """The folder with the times and the files of the inertial unit."""
+def oxts_folder(path: Path) -> Path | None:
+    """The folder with the times and the files of the inertial unit: a path, or oxts in it."""
     places = (path, path / "oxts")
     return next(
         (
@@ -84,33 +73,19 @@ def _oxts_rates(file: Path) -> list[float]:
     return numbers[_KITTI_RATES]
 
 
-class Simulator42Reader(StatedReader):
-    """Rates, or attitudes, that the simulator 42 wrote: time.42 with wbn.42 (rad/s) or qbn.42 (scalar last)."""
-
-    name, order = "simulator-42", 27
-    words = "a folder of the simulator 42"
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a folder holds the times and one of both."""
-        return os.path.isfile(path / _TIME_42) and any(
-            os.path.isfile(path / name) for name in (_RATES_42, _ATTITUDES_42)
+def read_simulator_42(path: Path, options: ReadingOptions) -> Dataset:
+    """Rates (rad/s) that the simulator 42 wrote, else attitudes."""
+    options.require_only((), "a folder of the simulator 42")
+    is_rates = os.path.isfile(path / _RATES_42)
+    file, names = (_RATES_42, ("wx", "wy", "wz")) if is_rates else (_ATTITUDES_42, ("qx", "qy", "qz", "qw"))
+    time = read_blank_separated(path / _TIME_42, ("time_s",)).values
+    values = read_blank_separated(path / file, names).values
+    if len(time) != len(values):
+        raise InputError(
+            f"{path_text(path)}: {file} has {len(values)} rows and {_TIME_42} has {len(time)}; run the simulator to its end"
         )
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates, else attitudes."""
-        self.options.require_only((), "a folder of the simulator 42")
-        is_rates = os.path.isfile(path / _RATES_42)
-        file, names = (
-            (_RATES_42, ("wx", "wy", "wz")) if is_rates else (_ATTITUDES_42, ("qx", "qy", "qz", "qw"))
-        )
-        time = read_blank_separated(path / _TIME_42, ("time_s",)).values
-        values = read_blank_separated(path / file, names).values
-        if len(time) != len(values):
-            raise InputError(
-                f"{path_text(path)}: {file} has {len(values)} rows and {_TIME_42} has {len(time)}; run the simulator to its end"
-            )
-        rows = np.column_stack([time, values])
-        return motion_dataset(path, path.name, _motion("gyro" if is_rates else "attitude", path / file, rows))
+    rows = np.column_stack([time, values])
+    return motion_dataset(path, path.name, _motion("gyro" if is_rates else "attitude", path / file, rows))
 
 
 def _motion(sensor: str, path: Path, values: Float[np.ndarray, "n m"]) -> MotionTable:

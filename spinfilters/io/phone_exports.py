@@ -14,40 +14,28 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import PHYPHOX_TABLE, Dataset, Segment
-from spinfilters.io.dataset_reader import OnRefused, StatedReader
+from spinfilters.io.dataset_reader import OnRefused
 from spinfilters.io.input_file import path_text, printable, read_settings_text, value_text
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import MotionTable, read_acceleration, read_motion_table
 from spinfilters.io.sensor_tables import require_two_epochs
 from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 
-GYRO_TABLES: Final = ("Gyroscope.csv", "GyroscopeUncalibrated.csv")
 ACCELEROMETER_TABLES: Final = ("TotalAcceleration.csv", "Accelerometer.csv", "Acceleration.csv")
 """In the order in which they are looked for: Sensor Logger calls Accelerometer what is left without gravity."""
 
 
-class PhoneExportReader(StatedReader):
-    """Folder of Sensor Logger, of phyphox' experiments of several sensors and of alike apps."""
+def read_phone_export(path: Path, rates: Path, options: ReadingOptions) -> Dataset:
+    """Rates of the phone from the table of that path, and its accelerometer where there is one.
 
-    name, order = "phone-export", 20
-    words = "a phone export"
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a folder holds a phone's table of rates."""
-        return _table(path, GYRO_TABLES) is not None
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates of the phone, and its accelerometer where there is one."""
-        table = read_motion_table(_table(path, GYRO_TABLES) or path, self.options, "rate")
-        dataset = motion_dataset(path, f"phone recording {path.name}", table)
-        beside = _table(path, ACCELEROMETER_TABLES)
-        if table.acceleration is not None or beside is None or self.options.rate is not None:
-            return dataset
-        return replace(dataset, acceleration=read_acceleration(beside, self.options))
-
-
-def _table(folder: Path, names: tuple[str, ...]) -> Path | None:
-    return next((folder / name for name in names if os.path.isfile(folder / name)), None)
+    The folder is of Sensor Logger, of phyphox' experiments of several sensors or of an alike app. InputError: `read_motion_table`.
+    """
+    table = read_motion_table(rates, options, "rate")
+    dataset = motion_dataset(path, f"phone recording {path.name}", table)
+    beside = next((path / name for name in ACCELEROMETER_TABLES if os.path.isfile(path / name)), None)
+    if table.acceleration is not None or beside is None or options.rate is not None:
+        return dataset
+    return replace(dataset, acceleration=read_acceleration(beside, options))
 
 
 _SEGMENT_COLUMNS = ["segment", "start", "end", "keep", "comment"]
@@ -145,41 +133,28 @@ def _seconds(where: str, cell: str) -> float | None:
     return value
 
 
-class PhyphoxReader(StatedReader):
-    """Reader of phyphox exports; see `spinfilters.io.phone_exports`."""
-
-    name, order = "phyphox", 10
-    words = "a phyphox export"
-    has_segments = True
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a folder is phyphox' export."""
-        return _phyphox_folder(path) is not None
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """A kept segment, or the only one."""
-        folder, recording = self._recording(path)
-        return _trial(_dataset(folder, recording), phyphox_trial(folder, recording, segment))
-
-    def whole(self, path: Path) -> Dataset:
-        """The whole recording, whatever is marked in it."""
-        return _dataset(*self._recording(path))
-
-    def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
-        """Every kept segment."""
-        folder, recording = self._recording(path)
-        whole = _dataset(folder, recording)
-        return [_trial(whole, segment) for segment in phyphox_trials(folder, recording, on_refused)]
-
-    def _recording(self, path: Path) -> tuple[Path, PhyphoxRecording]:
-        folder = _phyphox_folder(path) or path
-        return folder, read_phyphox(folder, self.options)
+def read_phyphox_trial(path: Path, segment: int | None, options: ReadingOptions) -> Dataset:
+    """A kept segment of an export, or the only one. InputError: `read_phyphox`, `phyphox_trial`."""
+    folder, recording = _recording(path, options)
+    return _trial(_dataset(folder, recording), phyphox_trial(folder, recording, segment))
 
 
-def _phyphox_folder(path: Path) -> Path | None:
-    if path.name == PHYPHOX_TABLE and os.path.isfile(path):
-        return path.parent
-    return path if os.path.isfile(path / PHYPHOX_TABLE) else None
+def read_phyphox_whole(path: Path, options: ReadingOptions) -> Dataset:
+    """The whole recording of an export, whatever is marked in it. InputError: `read_phyphox`."""
+    return _dataset(*_recording(path, options))
+
+
+def read_phyphox_trials(path: Path, on_refused: OnRefused | None, options: ReadingOptions) -> list[Dataset]:
+    """Every kept segment of an export. InputError: `read_phyphox`, `phyphox_trials`."""
+    folder, recording = _recording(path, options)
+    whole = _dataset(folder, recording)
+    return [_trial(whole, segment) for segment in phyphox_trials(folder, recording, on_refused)]
+
+
+def _recording(path: Path, options: ReadingOptions) -> tuple[Path, PhyphoxRecording]:
+    """Of a folder, or of the table in it."""
+    folder = path.parent if os.path.isfile(path) else path
+    return folder, read_phyphox(folder, options)
 
 
 def _dataset(folder: Path, recording: PhyphoxRecording) -> Dataset:

@@ -13,13 +13,13 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import path_text, printable, read_bytes, value_text
 from spinfilters.io.logger_names import understood_names
 from spinfilters.io.motion_columns import Quantity
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
+from spinfilters.io.stated_values import ReadingOptions
 
 LARGEST: Final = 2 * 1024**3
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -48,31 +48,22 @@ _TYPES: Final = {
 _FIELD = re.compile(r"([a-z0-9_]+)(?:\[([0-9]{1,4})\])? ([A-Za-z0-9_]+)")
 
 
-class Px4LogReader(StatedReader):
-    """One topic of a PX4 flight log."""
-
-    name, order = "px4-log", 42
-    words = "a PX4 log (.ulg)"
-    suffixes = (".ulg",)
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates or attitudes of the topic that the user states, or of the first that describes a motion."""
-        self.options.require_only(("topic", "unit", "clock"), "a PX4 log")
-        formats, topics, rows = _messages(path, read_bytes(path, LARGEST))
-        wanted = TOPICS if self.options.topic is None else (self.options.topic,)
-        chosen = next(
-            (number for name in wanted for number, topic in topics.items() if topic == name and rows[number]),
-            None,
-        )
-        if chosen is None:
-            listed = ", ".join(sorted({printable(topics[n]) for n in rows if rows[n]})[:8]) or "nothing"
-            what = f"topic {value_text(self.options.topic)}" if self.options.topic else "topic of a motion"
-            raise InputError(
-                f"{path_text(path)}: has no {what}, only {listed}; give --topic, or log {TOPICS[0]}"
-            )
-        columns = _columns(path, formats, topics[chosen], rows[chosen])
-        bare: Quantity = "rate"
-        return motion_dataset(path, path.name, motion_of(columns, self.options, bare))
+def read_px4_log(path: Path, options: ReadingOptions) -> Dataset:
+    """Rates or attitudes of the topic that the user states, or of the first that describes a motion."""
+    options.require_only(("topic", "unit", "clock"), "a PX4 log")
+    formats, topics, rows = _messages(path, read_bytes(path, LARGEST))
+    wanted = TOPICS if options.topic is None else (options.topic,)
+    chosen = next(
+        (number for name in wanted for number, topic in topics.items() if topic == name and rows[number]),
+        None,
+    )
+    if chosen is None:
+        listed = ", ".join(sorted({printable(topics[n]) for n in rows if rows[n]})[:8]) or "nothing"
+        what = f"topic {value_text(options.topic)}" if options.topic else "topic of a motion"
+        raise InputError(f"{path_text(path)}: has no {what}, only {listed}; give --topic, or log {TOPICS[0]}")
+    columns = _columns(path, formats, topics[chosen], rows[chosen])
+    bare: Quantity = "rate"
+    return motion_dataset(path, path.name, motion_of(columns, options, bare))
 
 
 def _messages(path: Path, data: bytes) -> tuple[dict[str, str], dict[int, str], dict[int, list[bytes]]]:

@@ -13,11 +13,11 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import MAX_TABLE_ROWS, path_text, printable, reason, require_file, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import MotionTable
+from spinfilters.io.stated_values import ReadingOptions
 
 LARGEST_BAG: Final = 64 * 1024**3
 """Bytes: messages are read one by one, so that a bag with images may be large."""
@@ -114,36 +114,25 @@ MOTION_TYPES: Final = tuple(_MESSAGES)
 """Types of messages that have rates or poses."""
 
 
-class RosBagReader(StatedReader):
-    """One topic of a bag."""
-
-    name, order = "ros-bag", 40
-    words = "a ROS bag (.bag, .mcap)"
-    suffixes = tuple(FIRST_BYTES)
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a path is named as a bag of ROS 1 or 2, or MCAP."""
-        return os.path.isfile(path / "metadata.yaml") or super().recognises(path)
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates or poses of one topic, which the user states where a bag has several."""
-        self.options.require_only(("topic",), "a ROS bag")
-        topic, kind, rows = _messages(path, self.options.topic)
-        order = np.argsort(rows[:, 0], kind="stable")
-        stamps, values = rows[order, 0], rows[order, 1:]
-        keep = np.concatenate([[True], np.diff(stamps) > 0])
-        time, values = stamps[keep], values[keep]
-        remarks = [f"topic {printable(topic)}"]
-        if not keep.all():
-            remarks.append(f"{np.count_nonzero(~keep)} messages of a stamp that was there left out")
-        sensor, columns = ("gyro", 3) if kind.endswith(_RATES) else ("pose", 7)
-        try:
-            stream = MeasurementStream(sensor, time, values[:, :columns])
-        except InputError as error:
-            raise InputError(f"{path_text(path)}: topic {printable(topic)}: {error}") from None
-        force = values[:, 3:] if kind.endswith("Imu") and values[:, 3:].any() else None
-        acceleration = None if force is None else Acceleration(time, force)
-        return motion_dataset(path, path.name, MotionTable(stream, acceleration, tuple(remarks)))
+def read_ros_bag(path: Path, options: ReadingOptions) -> Dataset:
+    """Rates or poses of one topic, which the user states where a bag has several."""
+    options.require_only(("topic",), "a ROS bag")
+    topic, kind, rows = _messages(path, options.topic)
+    order = np.argsort(rows[:, 0], kind="stable")
+    stamps, values = rows[order, 0], rows[order, 1:]
+    keep = np.concatenate([[True], np.diff(stamps) > 0])
+    time, values = stamps[keep], values[keep]
+    remarks = [f"topic {printable(topic)}"]
+    if not keep.all():
+        remarks.append(f"{np.count_nonzero(~keep)} messages of a stamp that was there left out")
+    sensor, columns = ("gyro", 3) if kind.endswith(_RATES) else ("pose", 7)
+    try:
+        stream = MeasurementStream(sensor, time, values[:, :columns])
+    except InputError as error:
+        raise InputError(f"{path_text(path)}: topic {printable(topic)}: {error}") from None
+    force = values[:, 3:] if kind.endswith("Imu") and values[:, 3:].any() else None
+    acceleration = None if force is None else Acceleration(time, force)
+    return motion_dataset(path, path.name, MotionTable(stream, acceleration, tuple(remarks)))
 
 
 def _rows(path: Path, bag: Any, connection: Any) -> list[list[float]]:

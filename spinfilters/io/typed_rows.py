@@ -4,7 +4,6 @@ The first cell of a row is the name of its sensor. GnssLogger lists the columns 
 above each block of rows.
 """
 
-import os
 import re
 from array import array
 from collections.abc import Iterator, Sequence
@@ -16,7 +15,6 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     first_text,
@@ -30,13 +28,12 @@ from spinfilters.io.input_file import (
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
-from spinfilters.io.stated_values import to_state
+from spinfilters.io.stated_values import ReadingOptions, to_state
 
 SENSORS: Final = ("Gyro", "UncalGyro", "Pose")
 """Names of sensors that describe a motion, the first that is there being taken."""
 _BLOCK: Final = "Stream Type,"
 _COMMENT = re.compile(r"#\s*([A-Za-z]\w*),((?:\w+,){3,}\w+)\s*")
-_SUFFIXES: Final = (".csv", ".txt", ".log")
 _HEAD: Final = 1 << 16
 _MEANINGS: Final = {
     **{f"3DOF_{axis}": f"omega_{axis}" for axis in "xyz"},
@@ -46,42 +43,36 @@ _MEANINGS: Final = {
 """Columns of RealSense: rates (rad/s), positions (m) and quaternions."""
 
 
-class TypedRowsReader(StatedReader):
-    """One sensor of a table with rows of several."""
+def has_typed_rows(path: Path) -> bool:
+    """Whether the first lines list the columns of a sensor of its own."""
+    lines = first_text(path, _HEAD).splitlines()
+    columns = [matched[1] for line in lines if (matched := _COMMENT.fullmatch(line.strip()))]
+    if any(name in SENSORS for name in columns):
+        return True
+    return any(line.startswith(_BLOCK) and "Timestamp" in line for line in lines)
 
-    name, order = "typed-rows", 44
-    words = "a table of GnssLogger or RealSense"
 
-    def recognises(self, path: Path) -> bool:
-        """Whether the first lines list the columns of a sensor of its own."""
-        if path.suffix.lower() not in _SUFFIXES or os.path.isdir(path):
-            return False
-        lines = first_text(path, _HEAD).splitlines()
-        columns = [matched[1] for line in lines if (matched := _COMMENT.fullmatch(line.strip()))]
-        if any(name in SENSORS for name in columns):
-            return True
-        return any(line.startswith(_BLOCK) and "Timestamp" in line for line in lines)
+def read_typed_rows(path: Path, options: ReadingOptions) -> Dataset:
+    """Measurements of the sensor that the user states, or of the first that describes a motion."""
+    options.require_only(("topic", "unit", "clock", "rate"), "a table of several sensors")
+    require_file(path, MAX_TABLE_BYTES)
+    require_text_table(path)
+    chosen = _chosen(path, _sensors(path), options.topic)
+    columns = _columns(path, chosen)
+    stated = replace(options, topic=None)
+    return motion_dataset(path, f"{path.name}, {printable(chosen)}", motion_of(columns, stated))
 
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Measurements of the sensor that the user states, or of the first that describes a motion."""
-        self.options.require_only(("topic", "unit", "clock", "rate"), "a table of several sensors")
-        require_file(path, MAX_TABLE_BYTES)
-        require_text_table(path)
-        chosen = self._chosen(path, _sensors(path))
-        columns = _columns(path, chosen)
-        options = replace(self.options, topic=None)
-        return motion_dataset(path, f"{path.name}, {printable(chosen)}", motion_of(columns, options))
 
-    def _chosen(self, path: Path, sensors: Sequence[str]) -> str:
-        wanted = SENSORS if self.options.topic is None else (self.options.topic,)
-        chosen = next((name for name in wanted if name in sensors), None)
-        if chosen is None:
-            listed = ", ".join(map(printable, sensors[:8])) or "none"
-            raise InputError(
-                f"{path_text(path)}: has no rows of {value_text(wanted[0])}, only of {listed}; record the gyro, or give one of "
-                f"them with {to_state('topic', 'NAME')}"
-            )
-        return chosen
+def _chosen(path: Path, sensors: Sequence[str], topic: str | None) -> str:
+    wanted = SENSORS if topic is None else (topic,)
+    chosen = next((name for name in wanted if name in sensors), None)
+    if chosen is None:
+        listed = ", ".join(map(printable, sensors[:8])) or "none"
+        raise InputError(
+            f"{path_text(path)}: has no rows of {value_text(wanted[0])}, only of {listed}; record the gyro, or give one of "
+            f"them with {to_state('topic', 'NAME')}"
+        )
+    return chosen
 
 
 def _sensors(path: Path) -> list[str]:

@@ -1,17 +1,12 @@
-"""Zip archive of an export: read as the folder that it holds."""
+"""Zip archive of an export, unpacked for as long as it is read."""
 
 import tempfile
 import zipfile
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Final
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import DatasetReader, OnRefused, StatedReader
 from spinfilters.io.input_file import MAX_TABLE_BYTES, path_text, reason, require_file
-from spinfilters.io.stated_values import ReadingOptions
 
 MOST_MEMBERS: Final = 1000
 SMALL, LARGEST_RATIO = 64 << 20, 100
@@ -20,46 +15,8 @@ _READ = (".csv", ".tsv", ".txt", ".tum", ".toml")
 _CHUNK = 1024**2
 
 
-@dataclass(frozen=True)
-class ZipReader(StatedReader):
-    """Unpacks text tables into a temporary folder and asks the other readers.
-
-    Attributes
-    ----------
-    reader_of : Callable[[Path, ReadingOptions], DatasetReader]
-        Gives the reader of what an archive holds, with what the user states.
-    """
-
-    reader_of: Callable[[Path, ReadingOptions], DatasetReader] = field(kw_only=True)
-    name, order = "zip", 30
-    words = "a .zip of an export"
-    has_segments = True
-    suffixes = (".zip",)
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Data set of the archive, read as the folder that it packs."""
-        with _Unpacked(path) as folder:
-            reader = self.reader_of(folder, self.options)
-            if segment is not None and not reader.has_segments:
-                raise InputError(f"{path_text(path)}: has no segments; leave out --segment {segment}")
-            return _name_archive(path, reader.read(folder, segment))
-
-    def whole(self, path: Path) -> Dataset:
-        """The whole recording of the archive."""
-        with _Unpacked(path) as folder:
-            return _name_archive(path, self.reader_of(folder, self.options).whole(folder))
-
-    def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
-        """Every kept segment of the archive."""
-        with _Unpacked(path) as folder:
-            return [
-                _name_archive(path, each)
-                for each in self.reader_of(folder, self.options).segments(folder, on_refused)
-            ]
-
-
-class _Unpacked:
-    """Temporary folder of an archive's tables; InputErrors name the archive."""
+class Unpacked:
+    """Temporary folder of an archive's text tables, as a context; InputErrors of what is done in it name the archive."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -136,8 +93,3 @@ def _write(archive: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path) -> N
             if left < 0:
                 raise zipfile.BadZipFile("a member is larger than it states")
             file.write(chunk)
-
-
-def _name_archive(path: Path, dataset: Dataset) -> Dataset:
-    """A data set of the archive, not of the folder that is gone."""
-    return replace(dataset, path=path)

@@ -15,8 +15,8 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.user_cache import cache_folder
 from spinfilters.io.input_file import path_text, printable
 from spinfilters.io.output_files import make_folder, output_folder, write_text, write_toml
-from spinfilters.io.ros_bag import MOTION_TYPES, RosBagReader, bag_messages, topics_by_type
 from spinfilters.io.stated_values import ReadingOptions
+from spinfilters.run.readers import RosBagReader
 
 CLOUD_TYPE: Final = "sensor_msgs/msg/PointCloud2"
 IMAGE_TYPES: Final = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -49,6 +49,8 @@ class BagTopics:
     @classmethod
     def of(cls, path: Path) -> "BagTopics":
         """Topics of a bag. InputError: a damaged bag, or no package to read it with."""
+        from spinfilters.io.ros_bag import MOTION_TYPES, topics_by_type  # of bags alone
+
         found = topics_by_type(path)
 
         def named(kinds: Sequence[str]) -> tuple[str, ...]:
@@ -207,6 +209,7 @@ def _write_camera_info(path: Path, found: BagTopics, image_topic: str, place: Pa
     """Write the first calibration message of a camera as ROS' ``camera_info.yaml``."""
     import yaml
 
+    from spinfilters.io.ros_bag import bag_messages
     from spinfilters.vision.rectification import CAMERA_INFO_FILE
 
     topic = str(found.camera_info(image_topic))

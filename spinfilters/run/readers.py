@@ -1,4 +1,8 @@
-"""All readers of recordings, all front ends of raw data, and who reads a path."""
+"""All readers of recordings, all front ends of raw data, and who reads a path.
+
+A reader says here how a path of its format is known and what it is called. What reads the format is a file of `spinfilters.io`,
+which is imported when a path is of it, or may be.
+"""
 
 import os
 from dataclasses import replace
@@ -7,28 +11,20 @@ from typing import Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins, require_made
-from spinfilters.io.ardupilot_log import ArduPilotLogReader
-from spinfilters.io.array_exports import ArrayExportReader
-from spinfilters.io.attitude_ephemeris import AttitudeEphemerisReader
-from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_folder import DatasetFolderReader, OtherFolderReader, SensorTableReader
-from spinfilters.io.dataset_reader import DatasetReader, OnRefused, RawDataReader
-from spinfilters.io.echoed_messages import EchoedMessagesReader
-from spinfilters.io.gyroflow_log import GyroflowReader
-from spinfilters.io.input_file import path_text
-from spinfilters.io.labelled_lines import LabelledLinesReader
+from spinfilters.io.dataset import DATASET_FILE, PHYPHOX_TABLE, Dataset
+from spinfilters.io.dataset_folder import read_folder, read_sensor_table, undescribed_folder
+from spinfilters.io.dataset_reader import (
+    DatasetReader,
+    OnRefused,
+    RawDataReader,
+    StatedReader,
+    is_file_named,
+)
+from spinfilters.io.input_file import path_text, require_folder
 from spinfilters.io.measurement_log import MeasurementLog
-from spinfilters.io.motion_file import LoggerFolderReader, MotionFileReader
-from spinfilters.io.mvnx_file import MvnxReader
-from spinfilters.io.number_folders import KittiFolderReader, Simulator42Reader
-from spinfilters.io.phone_exports import PhoneExportReader, PhyphoxReader
-from spinfilters.io.px4_log import Px4LogReader
 from spinfilters.io.repeated_rows import without_repeated_rows
-from spinfilters.io.ros_bag import RosBagReader
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
 from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
-from spinfilters.io.typed_rows import TypedRowsReader
-from spinfilters.io.zip_export import ZipReader
 
 
 def without_repeated_rates(dataset: Dataset) -> Dataset:
@@ -171,26 +167,376 @@ def _check_dataset(reader: DatasetReader, dataset: Dataset) -> Dataset:
     return without_repeated_rates(dataset) if logged_again else dataset
 
 
+class DatasetFolderReader(DatasetReader):
+    """Folders with a dataset.toml, asked first: whatever else lies there is part of the data set."""
+
+    name, order, words = "folder", 0, "a folder"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a path is a folder with a dataset.toml."""
+        return os.path.lexists(path / DATASET_FILE)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the folder."""
+        return read_folder(path, front_end_of)
+
+
+class PhyphoxReader(StatedReader):
+    """Exports of phyphox, and the table in one."""
+
+    name, order, words = "phyphox", 10, "a phyphox export"
+    has_segments = True
+    holds = (PHYPHOX_TABLE,)
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a path is the folder, or the table in it."""
+        return (path.name in self.holds and os.path.isfile(path)) or super().recognises(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """A kept segment, or the only one."""
+        from spinfilters.io.phone_exports import read_phyphox_trial
+
+        return read_phyphox_trial(path, segment, self.options)
+
+    def whole(self, path: Path) -> Dataset:
+        """The whole recording, whatever is marked in it."""
+        from spinfilters.io.phone_exports import read_phyphox_whole
+
+        return read_phyphox_whole(path, self.options)
+
+    def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
+        """Every kept segment."""
+        from spinfilters.io.phone_exports import read_phyphox_trials
+
+        return read_phyphox_trials(path, on_refused, self.options)
+
+
+class PhoneExportReader(StatedReader):
+    """Folders of Sensor Logger, of phyphox' experiments of several sensors and of alike apps."""
+
+    name, order, words = "phone-export", 20, "a phone export"
+    holds = ("Gyroscope.csv", "GyroscopeUncalibrated.csv")
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates of the phone, and its accelerometer where there is one."""
+        from spinfilters.io.phone_exports import read_phone_export
+
+        return read_phone_export(path, self.held(path) or path, self.options)
+
+
+class LoggerFolderReader(StatedReader):
+    """Root of a recording in the layout of EuRoC or TUM: its rates, or its poses where it has no rates."""
+
+    name, order, words = "logger-folder", 25, "a folder of EuRoC or TUM"
+    holds = tuple(
+        root + table
+        for table in (
+            *("imu0/data.csv", "imu/data.csv", "imu.csv", "imu.txt", "groundtruth.txt"),
+            *("state_groundtruth_estimate0/data.csv", "vicon0/data.csv", "mocap0/data.csv", "gt/data.csv"),
+        )
+        for root in ("", "mav0/")
+    )
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the table."""
+        from spinfilters.io.motion_file import read_logger_folder
+
+        return read_logger_folder(path, self.held(path) or path, self.options)
+
+
+class KittiFolderReader(StatedReader):
+    """Drives of raw KITTI."""
+
+    name, order, words = "kitti-oxts", 26, "a drive of raw KITTI"
+    holds = ("timestamps.txt", "oxts/timestamps.txt")
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a folder, or oxts in it, holds times and data."""
+        if not super().recognises(path):
+            return False
+        from spinfilters.io.number_folders import oxts_folder
+
+        return oxts_folder(path) is not None
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates of all epochs."""
+        from spinfilters.io.number_folders import read_kitti_folder
+
+        return read_kitti_folder(path, self.options)
+
+
+class Simulator42Reader(StatedReader):
+    """Folders that the simulator 42 wrote."""
+
+    name, order, words = "simulator-42", 27, "a folder of the simulator 42"
+    holds = ("wbn.42", "qbn.42")
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a folder holds the times, and rates or attitudes."""
+        return os.path.isfile(path / "time.42") and super().recognises(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates, else attitudes."""
+        from spinfilters.io.number_folders import read_simulator_42
+
+        return read_simulator_42(path, self.options)
+
+
+class ZipReader(StatedReader):
+    """Archives of an export: the readers are asked for the folder that one packs."""
+
+    name, order, words = "zip", 30, "a .zip of an export"
+    has_segments = True
+    suffixes = (".zip",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the archive."""
+        from spinfilters.io.zip_export import Unpacked
+
+        with Unpacked(path) as folder:
+            reader = reader_of(folder, self.options)
+            if segment is not None and not reader.has_segments:
+                raise InputError(f"{path_text(path)}: has no segments; leave out --segment {segment}")
+            return replace(reader.read(folder, segment), path=path)
+
+    def whole(self, path: Path) -> Dataset:
+        """The whole recording of the archive."""
+        from spinfilters.io.zip_export import Unpacked
+
+        with Unpacked(path) as folder:
+            return replace(reader_of(folder, self.options).whole(folder), path=path)
+
+    def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
+        """Every kept segment of the archive."""
+        from spinfilters.io.zip_export import Unpacked
+
+        with Unpacked(path) as folder:
+            found = reader_of(folder, self.options).segments(folder, on_refused)
+            return [replace(each, path=path) for each in found]
+
+
+class RosBagReader(StatedReader):
+    """Bags of ROS 1 and 2, and MCAP files."""
+
+    name, order, words = "ros-bag", 40, "a ROS bag (.bag, .mcap)"
+    suffixes = (".bag", ".mcap", ".db3")
+    holds = ("metadata.yaml",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates or poses of one topic, which the user states where a bag has several."""
+        from spinfilters.io.ros_bag import read_ros_bag
+
+        return read_ros_bag(path, self.options)
+
+
+class EchoedMessagesReader(StatedReader):
+    """Texts of rostopic echo."""
+
+    name, order, words = "echoed-messages", 41, "a text of rostopic echo"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a text begins with a message."""
+        if not is_file_named(path, (".txt", ".yaml", ".yml", ".log")):
+            return False
+        from spinfilters.io.echoed_messages import has_echoed_messages
+
+        return has_echoed_messages(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Motion of all whole messages."""
+        from spinfilters.io.echoed_messages import read_echoed_messages
+
+        return read_echoed_messages(path, self.options)
+
+
+class Px4LogReader(StatedReader):
+    """PX4 flight logs."""
+
+    name, order, words = "px4-log", 42, "a PX4 log (.ulg)"
+    suffixes = (".ulg",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates or attitudes of the topic that the user states, or of the first that describes a motion."""
+        from spinfilters.io.px4_log import read_px4_log
+
+        return read_px4_log(path, self.options)
+
+
+class ArduPilotLogReader(StatedReader):
+    """ArduPilot logs: the binary one begins with a message, its text with a format."""
+
+    name, order, words = "ardupilot-log", 43, "an ArduPilot log (.bin, .log)"
+    suffixes = (".bin", ".log")
+    magic = (b"\xa3\x95", b"FMT,")
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates of the first gyro of the first message that has some."""
+        from spinfilters.io.ardupilot_log import read_ardupilot_log
+
+        return read_ardupilot_log(path, self.options)
+
+
+class TypedRowsReader(StatedReader):
+    """Tables with rows of several sensors."""
+
+    name, order, words = "typed-rows", 44, "a table of GnssLogger or RealSense"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the first lines list the columns of a sensor of its own."""
+        if not is_file_named(path, (".csv", ".txt", ".log")):
+            return False
+        from spinfilters.io.typed_rows import has_typed_rows
+
+        return has_typed_rows(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Measurements of the sensor that the user states, or of the first that describes a motion."""
+        from spinfilters.io.typed_rows import read_typed_rows
+
+        return read_typed_rows(path, self.options)
+
+
+class ArrayExportReader(StatedReader):
+    """Files of named arrays; columns are known by their names as those of a text table."""
+
+    name, order, words = "array-export", 45, "a .npz, .mat, .h5, .parquet or .json of arrays"
+    suffixes = (".npz", ".mat", ".h5", ".hdf5", ".parquet", ".pq", ".json")
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the arrays that describe a motion."""
+        from spinfilters.io.array_exports import read_array_export
+
+        return read_array_export(path, self.options)
+
+
+class LabelledLinesReader(StatedReader):
+    """Logs of a serial port: lines of labels with numbers."""
+
+    name, order, words = "labelled-lines", 46, "a log of a serial port"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether most of the first lines are labels with numbers."""
+        if not is_file_named(path, (".log", ".txt", ".csv")):
+            return False
+        from spinfilters.io.labelled_lines import has_labelled_lines
+
+        return has_labelled_lines(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates of the lines that have some."""
+        from spinfilters.io.labelled_lines import read_labelled_lines
+
+        return read_labelled_lines(path, self.options)
+
+
+class AttitudeEphemerisReader(StatedReader):
+    """Attitude ephemerides; those of positions (.e, .oem) are refused as what they are."""
+
+    name, order, words = "attitude-ephemeris", 47, "an attitude ephemeris (.a, .aem)"
+    suffixes = (".a", ".aem", ".xml", ".e", ".oem")
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Attitudes of all rows."""
+        from spinfilters.io.attitude_ephemeris import read_attitude_ephemeris
+
+        return read_attitude_ephemeris(path, self.options)
+
+
+class MvnxReader(StatedReader):
+    """Exports of Xsens MVN."""
+
+    name, order, words = "mvnx", 48, "an Xsens MVN export (.mvnx)"
+    suffixes = (".mvnx",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Poses of the only segment, or of the one that the user names by the topic."""
+        from spinfilters.io.mvnx_file import read_mvnx
+
+        return read_mvnx(path, self.options)
+
+
+class GyroflowReader(StatedReader):
+    """Logs of Gyroflow."""
+
+    name, order, words = "gyroflow", 49, "a log of Gyroflow (.gcsv)"
+    suffixes = (".gcsv",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates about the axes of the log."""
+        from spinfilters.io.gyroflow_log import read_gyroflow
+
+        return read_gyroflow(path, self.options)
+
+
+class OtherFolderReader(DatasetReader):
+    """Any folder that no other reader recognises: refused with what it lacks."""
+
+    name, order, words = "other-folder", 90, DatasetFolderReader.words
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a path is a folder."""
+        return os.path.isdir(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """InputError: always."""
+        require_folder(path)
+        raise undescribed_folder(path, recordings_in(path))
+
+
+class MotionFileReader(StatedReader):
+    """Tables of a motion, whose columns are known by their names."""
+
+    name, order, words = "motion-table", 95, "a gyro .csv"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a file is a single table, by suffix and name, and not a part of a data set folder."""
+        if not is_file_named(path, (".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".data")):
+            return False
+        from spinfilters.io.motion_file import is_motion_file
+
+        return is_motion_file(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the table."""
+        from spinfilters.io.motion_file import read_motion_file
+
+        return read_motion_file(path, self.options)
+
+
+class SensorTableReader(DatasetReader):
+    """Any path that no other reader recognises: the table of one sensor, or refused."""
+
+    name, order, words = "sensor-table", 100, ""
+
+    def recognises(self, path: Path) -> bool:
+        """Always: this reader is asked last."""
+        return True
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the one table."""
+        return read_sensor_table(path, lambda: (reader.words for reader in dataset_readers()))
+
+
 OWN_READERS: Final[tuple[DatasetReader, ...]] = (
-    DatasetFolderReader(front_end_of),
-    OtherFolderReader(recordings_in),
-    MotionFileReader(),
-    ArrayExportReader(),
-    Px4LogReader(),
-    ArduPilotLogReader(),
+    DatasetFolderReader(),
+    PhyphoxReader(),
+    PhoneExportReader(),
     LoggerFolderReader(),
     KittiFolderReader(),
     Simulator42Reader(),
+    ZipReader(),
+    RosBagReader(),
+    EchoedMessagesReader(),
+    Px4LogReader(),
+    ArduPilotLogReader(),
     TypedRowsReader(),
+    ArrayExportReader(),
     LabelledLinesReader(),
     AttitudeEphemerisReader(),
-    EchoedMessagesReader(),
-    GyroflowReader(),
     MvnxReader(),
-    PhoneExportReader(),
-    PhyphoxReader(),
-    RosBagReader(),
-    SensorTableReader(dataset_readers),
-    ZipReader(reader_of=reader_of),
+    GyroflowReader(),
+    OtherFolderReader(),
+    MotionFileReader(),
+    SensorTableReader(),
 )
-"""Ours. Three of them ask the others, which they are given here: what a folder or an archive holds, and what can be read at all."""
+"""Ours, as they are asked."""

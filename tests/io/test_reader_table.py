@@ -1,6 +1,8 @@
 """The table of readers: one file each; one from outside the package reads what the others do not know."""
 
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -67,3 +69,19 @@ def test_a_name_that_stands_twice_is_refused(module: Path) -> None:
     module.write_text(PROGRAM.replace('"numpy-gyro"', '"folder"'))
     with pytest.raises(InputError, match="'folder' is registered twice"):
         dataset_readers()
+
+
+def test_a_recording_imports_only_what_may_read_it(tmp_path: Path) -> None:
+    path = tmp_path / "turn.csv"
+    path.write_text("time_s,wx,wy,wz\n" + "".join(f"{k / 10},0.1,0.2,0.3\n" for k in range(20)))
+    program = (
+        "import sys, spinfilters; spinfilters.load(sys.argv[1]); "
+        "print(*(name for name in sys.modules if name.startswith(('spinfilters.io.', 'spinfilters.simulation'))))"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", program, path], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert "spinfilters.io.motion_file" in loaded
+    for name in ("px4_log", "ros_bag", "array_exports", "mvnx_file", "phone_exports", "attitude_ephemeris"):
+        assert f"spinfilters.io.{name}" not in loaded
+    assert "spinfilters.simulation.scenario" not in loaded

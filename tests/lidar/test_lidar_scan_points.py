@@ -7,7 +7,7 @@ import pytest
 from plain_comparison import plainly_compared
 from scipy.spatial import ConvexHull
 
-from spinfilters.api.recordings import simulate
+from spinfilters.api.simulation import simulate
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.io.dataset import Dataset

@@ -7,7 +7,7 @@ import pytest
 
 from observability.analysis_report import assumptions
 from spinfilters.api.analysis import observe
-from spinfilters.api.recordings import simulate
+from spinfilters.api.simulation import simulate
 from spinfilters.campaigns.recording_factors import (
     BodyFactor,
     FaultFactor,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plain_comparison import plainly_compared
 
-from spinfilters.api.recordings import simulate
+from spinfilters.api.simulation import simulate
 from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
 from spinfilters.inference.first_epochs import LEADING_EPOCHS

@@ -36,7 +36,7 @@ class SimulateArguments:
 
 def simulate(options: SimulateArguments) -> int:
     """Write a simulated data set and a picture of its true rates, or images."""
-    from spinfilters.api.recordings import simulated_dataset
+    from spinfilters.api.simulation import simulated_dataset
     from spinfilters.cli.console import progress_bars, wide_console
     from spinfilters.evaluation.estimated_motion import true_rates
     from spinfilters.io.dataset_folder import write_dataset
