@@ -252,7 +252,7 @@ class Association:
     same_px: float = 1.5
 
 
-class _View(NamedTuple):
+class _LandmarksInView(NamedTuple):
     """Landmarks in view from a pose.
 
     Attributes
@@ -306,7 +306,7 @@ class Tracker:
         self.landmarks: LandmarkViews | None = None
         self._poses: list[TimedPose] = []
         self._latest = 0
-        self._view: tuple[Float[np.ndarray, " 7"], tuple[int, int], _View] | None = None
+        self._view: tuple[Float[np.ndarray, " 7"], tuple[int, int], _LandmarksInView] | None = None
 
     def add(
         self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"] | None = None
@@ -480,13 +480,13 @@ class Tracker:
         pairs = clear_pairs(similarity, options.similarity, options.ratio, losses, GLOBAL)
         return pairs[:, 0], rows[pairs[:, 1]]
 
-    def _in_view(self, pose: Float[np.ndarray, " 7"]) -> _View:
+    def _in_view(self, pose: Float[np.ndarray, " 7"]) -> _LandmarksInView:
         """Landmarks in view from a known direction, with pixels and descriptors; of the latest pose they are kept."""
         if self._view is None or self._view[0] is not pose or self._view[1] != self._state:
             self._view = pose, self._state, self._find_in_view(pose)
         return self._view[2]
 
-    def _find_in_view(self, pose: Float[np.ndarray, " 7"]) -> _View:
+    def _find_in_view(self, pose: Float[np.ndarray, " 7"]) -> _LandmarksInView:
         assert self.landmarks is not None
         R, at = (
             matrix_from_quaternion(pose[3:]),
@@ -503,7 +503,7 @@ class Tracker:
         rows = np.flatnonzero(inside)
         directions = -(at[rows] / np.linalg.norm(at[rows], axis=1, keepdims=True)) @ R
         descriptors, known = self.landmarks.seen_from(rows, directions)
-        return _View(rows[known], pixels[rows[known]], descriptors[known])
+        return _LandmarksInView(rows[known], pixels[rows[known]], descriptors[known])
 
     def _within_gate(
         self,
