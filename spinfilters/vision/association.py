@@ -373,7 +373,7 @@ class Tracker:
         for pose in poses:
             before = self._state
             searches.append((pose, before, *self._search_landmarks(points, pose, 1.0, LossCount())))
-        fits = self._fit_poses(points, [(features, rows) for *_, features, rows in searches])
+        fits = self._fit_poses([self._matches(points, features, rows) for *_, features, rows in searches])
         found = []
         for (pose, before, features, rows), fit in zip(searches, fits, strict=True):
             inside = np.zeros(0) if fit is None else self._within_gate(points, fit.pose, features, rows)
@@ -412,27 +412,29 @@ class Tracker:
         self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
     ) -> FittedPose | None:
         """Pose that most of the matches agree on (absolute orientation within RANSAC, then Gauss-Newton)."""
-        return self._fit_poses(points, [(features, rows)])[0]
+        return self._fit_poses([self._matches(points, features, rows)])[0]
 
-    def _fit_poses(
-        self, points: StereoFeatures, sets: Sequence[tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]]
-    ) -> list[FittedPose | None]:
-        """`_fit_pose` of several sets of matches (features, rows)."""
-        assert self.landmarks is not None
-        landmarks, fits = self.landmarks, list[FittedPose | None]([None] * len(sets))
-        chosen = [k for k, (_, rows) in enumerate(sets) if len(rows) >= FEWEST]
-        if not chosen:
-            return fits
-        noise = self._covariance(points)
-        matches = [
-            Matches(
-                landmarks.points[rows], points.values[features], noise[features], landmarks.covariance[rows]
-            )
-            for features, rows in (sets[k] for k in chosen)
-        ]
-        for k, fit in zip(chosen, fit_poses(matches, self._rig.calibration), strict=True):
-            fits[k] = fit
+    def _fit_poses(self, every: Sequence[Matches]) -> list[FittedPose | None]:
+        """Pose of each set of matches, None where there are too few."""
+        fits = list[FittedPose | None]([None] * len(every))
+        enough = [k for k, matches in enumerate(every) if len(matches.points) >= FEWEST]
+        if enough:
+            found = fit_poses([every[k] for k in enough], self._rig.calibration)
+            for k, fit in zip(enough, found, strict=True):
+                fits[k] = fit
         return fits
+
+    def _matches(
+        self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
+    ) -> Matches:
+        """Features with the landmarks that they are."""
+        assert self.landmarks is not None
+        return Matches(
+            self.landmarks.points[rows],
+            points.values[features],
+            self._covariance(points)[features],
+            self.landmarks.covariance[rows],
+        )
 
     def _register_epoch(
         self, epoch: int, time: float, points: StereoFeatures, found: _Candidate
