@@ -179,8 +179,13 @@ def _is_soft(layout: StateLayout, factor: Float[np.ndarray, "r N N"]) -> Bool[np
     if not layout.has(MASS_DISTRIBUTION):
         return np.zeros(len(factor), dtype=bool)
     rows = factor[:, layout.slice(MASS_DISTRIBUTION.name)]
-    soft = np.asarray(np.isfinite(rows).all(axis=(1, 2)))
-    soft[soft] = np.linalg.norm(rows[soft], 2, axis=(1, 2)) > SOFT
+    square = np.einsum(
+        "rie,rie->r", rows, rows
+    )  # the largest singular value lies between root(square / 5) and root(square)
+    soft = (square > SOFT**2) & (square < np.inf)
+    narrow = soft & (square <= 1.01 * rows.shape[1] * SOFT**2)
+    if narrow.any():
+        soft[narrow] = np.linalg.norm(rows[narrow], 2, axis=(1, 2)) > SOFT
     return soft
 
 
@@ -257,13 +262,13 @@ def bends_of_runs(
     length = np.minimum(1.0, LONGEST_STEP / soft)
     e = directions[run, :, direction] * (length / soft)[:, np.newaxis]
     b = (factor[run] @ (np.swapaxes(rows, 1, 2)[run] @ e[:, :, np.newaxis]))[:, :, 0]
-    here, runs, count = mean[run], np.arange(len(mean)), len(b)
-    around = np.concatenate([layout.retract(here, b), layout.retract(here, -b), mean])
+    both, runs, count = np.concatenate([run, run]), np.arange(len(mean)), len(b)
+    around = np.concatenate([layout.retract(mean[both], np.concatenate([b, -b])), mean])
     try:
-        of = np.concatenate([run, run, runs])
+        of = np.concatenate([both, runs])
         ends, transition = process.steps(around, duration[of], of), process.transitions(mean, duration)
-        middle = ends[2 * count :][run]
-        c = layout.local(middle, ends[:count]) + layout.local(middle, ends[count : 2 * count])
+        away = layout.local(ends[2 * count :][both], ends[: 2 * count])
+        c = away[:count] + away[count:]
         bends[run, direction] = c / length[:, np.newaxis] ** 2
         return np.swapaxes(np.linalg.solve(transition, np.swapaxes(bends, 1, 2)), 1, 2)
     except (IntegrationError, np.linalg.LinAlgError):  # of one run, for which others need not pay

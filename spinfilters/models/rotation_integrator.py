@@ -442,6 +442,8 @@ class RotationIntegrator:
         """
         if not (np.isfinite(dt) & (dt > 0)).all():
             raise InputError("time steps must be positive and finite")
+        if of is not None and len(x) and not of.any():  # of one motion
+            return self._step_intervals(x, dt, of, self.first_count(x, float(dt.max())))
         if of is None:
             intervals, of_interval = np.unique(dt, return_inverse=True)
         else:
@@ -467,6 +469,8 @@ class RotationIntegrator:
     ) -> Float[np.ndarray, "k m"]:
         """`steps` with at least so many substeps; the intervals whose error is too large take twice as many."""
         after, error = self._stepper(count)(x, dt[:, None])
+        if float(error.max(initial=0.0)) <= self._tolerance:
+            return after
         worst = np.zeros(of_interval.max() + 1)
         np.maximum.at(worst, of_interval, error.reshape(len(x), -1).max(axis=1))
         is_coarse = (worst > self._tolerance) & np.isfinite(worst)
@@ -490,6 +494,8 @@ class RotationIntegrator:
         self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"], densities: Float[np.ndarray, " p"]
     ) -> Float[np.ndarray, "k n n"]:
         """Error transitions of `linearise` of many points, each over its own dt > 0 seconds."""
+        if len(x) == 1:
+            return self.linearise(x[0], float(dt[0]), densities).transition[np.newaxis]
         found = np.empty((len(x), self._layout.error_dim, self._layout.error_dim))
         counts = np.array([self.first_count(*each) for each in zip(x, dt.tolist(), strict=True)])
         left = np.arange(len(x))
