@@ -198,6 +198,8 @@ def _stated_std(
         variance = variance + (best.calibration[: len(variance)] ** 2) @ (times**2 - 1)
     if models.clock_drift is not None:
         variance = variance + models.clock_drift[: len(variance)] ** 2
+    for error in models.possible_contacts:
+        variance = variance + error**2
     return np.sqrt(variance)
 
 
@@ -293,6 +295,11 @@ def _widen_evaluation(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
     drift = doubts.models.clock_drift
     if drift is not None and len(history.time) <= len(drift) and np.isfinite(drift).all():
         history = history.with_calibration_error(drift[: len(history.time)])
+    for error in doubts.models.possible_contacts:
+        if np.isfinite(error).all():
+            counted = np.zeros((len(history.time), error.shape[1]))
+            counted[: len(error)] = error[: len(counted)]  # later epochs do not know of it
+            history = history.with_calibration_error(counted)
     mixture = doubts.models.correlated.mixture
     if mixture is not None:
         own = evaluation.history.last_mixture(mixture, history.calibration)

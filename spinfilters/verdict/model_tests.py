@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,6 +19,7 @@ from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.state_blocks import RATE
 from spinfilters.smoother.batch_smoother import GATE
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, reinitialised, seen_ids
 from spinfilters.smoother.problem import Problem, problem_of
@@ -85,17 +86,46 @@ Noise = Callable[[LinearRows], NoiseComponents]
 """Variance components of a solved problem."""
 
 
-def with_refused_ends(solved: LinearRows, time: Float[np.ndarray, " k"], noise: Noise) -> LinearRows:
-    """The problem with refused first and last epochs included where a contact explains them, else unchanged."""
+class RefusedEnds(NamedTuple):
+    """A problem with its refused ends included where a contact explains them.
+
+    Attributes
+    ----------
+    solved : LinearRows
+        The problem.
+    possible_contacts : tuple[(k, n) float array, ...]
+        Of ends that stay refused, which a contact or a gross error may be: error of the states by the contact.
+    """
+
+    solved: LinearRows
+    possible_contacts: tuple[Float[np.ndarray, "k n"], ...] = ()
+
+
+def with_refused_ends(solved: LinearRows, time: Float[np.ndarray, " k"], noise: Noise) -> RefusedEnds:
+    """The problem with refused first and last epochs included where a contact explains them, else unchanged.
+
+    A contact fits any one epoch, so that its residuals alone do not tell it from a gross error. What it would make of the states
+    is then returned, where it changes the rate by no more than the rate itself: by a touch a body turns otherwise, by a gross
+    error it seems to do so at any rate.
+    """
+    possible = []
     for epoch, contact in _refused_ends(solved):
         taken = among_inliers(solved.problem, solved, np.array([epoch]))
         if taken is None:
             continue
-        found = score_tests(SmoothedMotion(time, taken), noise(taken), [contact])
-        explained = None if not found else found[0].explained
-        if explained is not None and _squares(taken, explained) < _squares(solved) - BETTER:
+        motion = SmoothedMotion(time, taken)
+        found = score_tests(motion, noise(taken), [contact])
+        if not found or found[0].explained is None or found[0].shift is None:
+            continue
+        if _squares(taken, found[0].explained) < _squares(solved) - BETTER:
             solved = taken
-    return solved
+            continue
+        layout = solved.problem.layout
+        error = layout.local(solved.here.trajectory, taken.here.trajectory) - found[0].shift
+        change = np.linalg.norm(error[:, layout.slice(RATE.name)], axis=1)
+        if change.max() <= np.sqrt(np.mean(np.sum(motion.rates**2, axis=1))):
+            possible.append(error)
+    return RefusedEnds(solved, tuple(possible))
 
 
 def _refused_ends(solved: LinearRows) -> list[tuple[int, Alternative]]:
@@ -177,7 +207,7 @@ def _test_models(
     unknown = Unstated.of_all(setup.log, setup.process.noise)
     model = noise_model(problem, setup.noise, unknown) or NoiseModel(problem, (), ())
     every, told = tuple(errors), KnownLevels(stated_levels(setup), _correlation(setup), setup.inflation)
-    solved = with_refused_ends(solved, time, lambda rows: noise_of(model, rows, told))
+    solved, possible = with_refused_ends(solved, time, lambda rows: noise_of(model, rows, told))
     noise, taken_in = noise_of(model, solved, told), solved is not near
     contradicted = is_contradicted(noise, solved)
     settled = not is_doubtful(noise, solved) or (not contradicted and (taken_in or bool(told.correlation)))
@@ -187,7 +217,9 @@ def _test_models(
     if identified is None:
         found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
         inflation = told.score_inflation
-        return TestedModels(tuple(found), contradicted, solved=near, score_inflation=inflation)
+        return TestedModels(
+            tuple(found), contradicted, solved=near, score_inflation=inflation, possible_contacts=possible
+        )
     found = score_tests(motion, noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
     if stated is not None and is_settled(stated):
@@ -196,7 +228,9 @@ def _test_models(
         advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
         found = likelier(found, beside, max(advantage, 0.0))
     inflation = np.inf if told.counts_common_errors else None
-    return TestedModels(tuple(found), contradicted, solved=near, score_inflation=inflation)
+    return TestedModels(
+        tuple(found), contradicted, solved=near, score_inflation=inflation, possible_contacts=possible
+    )
 
 
 def _correlation(setup: Setup) -> dict[str, float]:

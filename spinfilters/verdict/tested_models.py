@@ -220,6 +220,8 @@ class TestedModels:
         Deviations that the verdict states: ``std`` with what errors of the calibration and that drift may add; None of ``std``.
     known_calibration : frozenset[str]
         Names of the calibration's deviations that are stated.
+    possible_contacts : tuple[(k, n) float array, ...]
+        Error of the tested epochs' states by a contact at an end whose measurements were refused, where it may be one.
     later_begin : LaterBegin or None
         Where the first epochs belong to no motion, from when on they do.
     """
@@ -237,6 +239,7 @@ class TestedModels:
     clock_drift: Float[np.ndarray, "K n"] | None = None
     stated_std: Float[np.ndarray, "k n"] | None = None
     known_calibration: frozenset[str] = frozenset()
+    possible_contacts: tuple[Float[np.ndarray, "k n"], ...] = ()
     later_begin: LaterBegin | None = None
 
     def test_of(self, error: Alternative) -> ScoreTest | None:
