@@ -284,8 +284,9 @@ def _flat(held: Mapping[str, Any], before: str = "") -> dict[str, np.ndarray]:
         elif isinstance(value, dict) and before.count(".") < _DEEPEST_GROUP:
             found |= _flat(value, f"{before}{name}.")
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-            found[f"{before}{name}".removesuffix(".signals.values")] = (
-                value  # a structure with time of Simulink
+            whole = f"{before}{name}".removesuffix(".signals.values")  # a structure with time of Simulink
+            found[whole.removesuffix(".Data") if "Time" in held else whole] = (
+                value  # a timeseries as a structure
             )
     return found
 

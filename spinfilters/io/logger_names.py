@@ -1,6 +1,7 @@
 """Names that known loggers give to columns, in the words by which headings are parsed."""
 
 import re
+import unicodedata
 from collections.abc import Sequence
 from typing import Final
 
@@ -75,6 +76,11 @@ _OTHER: Final = re.compile(r"bias|cov|std|setpoint|desired|cmd|command|goal|targ
 """Within the path of a topic of what is not measured."""
 _FROM_ONE: Final = re.compile(r"(.*?)(?::\d+)?(?:\(([1-4])\)|_([1-4])(?=$|\s*[(\[]))(.*)")
 """A component counted from 1, as MATLAB does: omega(1), omega:1(1) of the Simulation Data Inspector, and omega_1 of its tables."""
+_RATES_FROM_ONE: Final = re.compile(
+    r"(omega|wb?|ang(?:ular)?_?vel(?:ocity)?)([1-3])(\s*[(\[].*)?", re.IGNORECASE
+)
+_EULER_PARAMETERS: Final = ("e0", "e1", "e2", "e3")
+"""Of which the first is the scalar."""
 _MRP_PLACES: Final = {"mrp_0": "mrp_x", "mrp_1": "mrp_y", "mrp_2": "mrp_z"}
 GOPRO_ORDER: Final = "zxy"
 """Order of the components of GoPro cameras, ORIO of their format, where they state no other."""
@@ -98,7 +104,7 @@ def understood_names(names: Sequence[str]) -> list[str]:
     ):  # PlotJuggler's clock; its other names are paths of topics, and stamps within their messages
         names = ["" if "/stamp" in name else name.lstrip("/").replace("/", ".") for name in names]
         names = [name if _OTHER.search(name) else _TOPIC.sub("", name) for name in names]
-    names = _of_gopro(names)
+    names = [_plainly_spelled(name) for name in _of_gopro(names)]
     found = [_MRP_PLACES.get(each, each) for each in map(_without_frames, names)]
     bare = {_plain(name): k for k, name in enumerate(found)}
     if set(_VICON) <= set(bare):
@@ -107,6 +113,9 @@ def understood_names(names: Sequence[str]) -> list[str]:
     if set("wxyz") <= set(bare):  # not rates about x, y and z
         for axis in "wxyz":
             found[bare[axis]] = f"q{axis}"
+    if set(_EULER_PARAMETERS) <= set(bare):
+        for name, axis in zip(_EULER_PARAMETERS, "wxyz", strict=True):
+            found[bare[name]] = f"q{axis}"
     if {"q0", "qx", "qy", "qz"} <= set(bare) and "qw" not in bare:  # the others show that it is the scalar
         found[bare["q0"]] = "qw"
     if set(_CALENDAR) <= set(bare):  # parts of a date, none of which is a clock alone
@@ -159,6 +168,17 @@ def _of_devices(names: Sequence[str], found: list[str]) -> list[str]:
     if any(_GMAT_CLOCK.match(name) for name in names):  # vector first
         found = [re.sub(r"^\w+\.Q([1-4])$", lambda index: "q" + "xyzw"[int(index[1]) - 1], n) for n in found]
     return found
+
+
+def _plainly_spelled(name: str) -> str:
+    """A name in plain letters and digits, without that of the time of which it is a function: omega_1 of an omega with a low 1."""
+    plain = name if name.isascii() else name.replace("ω", "omega").replace("Ω", "omega")
+    if plain.endswith("(t)"):
+        plain = unicodedata.normalize("NFKC", plain).removesuffix("(t)")
+    elif any(digit in plain for digit in "₁₂₃"):
+        plain = unicodedata.normalize("NFKC", plain)
+    numbered = _RATES_FROM_ONE.fullmatch(plain.strip())
+    return f"{numbered[1]}_{numbered[2]}{numbered[3] or ''}" if numbered is not None else plain
 
 
 def _of_gopro(names: Sequence[str]) -> Sequence[str]:

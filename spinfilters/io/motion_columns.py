@@ -1,7 +1,7 @@
 """Columns of motion tables by their names: quantity, axis and unit of each."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
@@ -59,9 +59,13 @@ _LENGTH_UNITS = {"m": "m", "mm": "mm", "cm": "cm"}
 _BRACKETS = re.compile(r"\s*[(\[{]\s*([^()\[\]{}]*?)\s*[)\]}]\s*$")
 _TIME_WORD = re.compile(
     r"(?:t|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
-    r"system|local|sample|monotonic|field|start|in|realtime|current|rtc|tout|simulation|sim|host|node|log|packet|capture|"
+    r"system|local|sample|monotonic|field|start|in|realtime|tout|"
     r"zeit|temps|tiempo|tempo)"
 )
+_WHOSE_CLOCK = re.compile(
+    r"current|rtc|simulation|sim|host|node|log|packet|capture|message|msg|receive|received|publish|published"
+)
+"""Words that say whose time it is, and alone are no clock."""
 _LATE_WORD = re.compile(r"datetime|date|utc|gregorian|utime|unixtime|startup|offset|real|recording")
 """Words that say a time too, of columns that are a clock where no other is."""
 _SOURCE = re.compile(r"^.*:(?=[^:]*[A-Za-z][^:]*$)")
@@ -171,10 +175,14 @@ def _time(words: list[str], unit: str) -> Heading | None:
     """A clock: words for time only, and perhaps a unit."""
     spelled = [TIME_UNITS[word] for word in words if word in TIME_UNITS]
     others = [word for word in words if word not in TIME_UNITS]
-    if unit in _BRACKETED_TIME and not all(_TIME_WORD.fullmatch(word) for word in words):
+    if unit in _BRACKETED_TIME and not all(
+        _TIME_WORD.fullmatch(word) or _WHOSE_CLOCK.fullmatch(word) for word in words
+    ):
         return Heading("time", FOREIGN, _BRACKETED_TIME[unit])
     is_late = any(_LATE_WORD.fullmatch(word) for word in others)
     others = [word for word in others if not _LATE_WORD.fullmatch(word)]
+    named = [word for word in others if not _WHOSE_CLOCK.fullmatch(word)]
+    others = named if named or is_late or unit or spelled else others
     if not all(_TIME_WORD.fullmatch(word) for word in others) or len(spelled) > 1:
         return None
     if unit and unit not in _BRACKETED_TIME:
@@ -289,12 +297,18 @@ class MotionColumns:
 
 
 def motion_columns(
-    path: Path, names: Sequence[str], options: ReadingOptions, bare: Quantity | None = None
+    path: Path,
+    names: Sequence[str],
+    options: ReadingOptions,
+    bare: Quantity | None = None,
+    is_date: Callable[[int], bool] | None = None,
 ) -> MotionColumns:
     """Columns of a header.
 
     Parameters
     ----------
+    is_date : Callable[[int], bool] | None
+        Whether the stamps of a column are those of a date, which decides among clocks without a unit.
     bare : Quantity | None
         See `heading_of`.
 
@@ -317,6 +331,9 @@ def motion_columns(
         if own is not None:
             understood, options = own, replace(options, topic=None)
             found, headings = _vectors(path, names, understood, bare)
+    if not {"rate", "quaternion", "matrix", "mrp"} & found.keys():
+        understood = [_of_source(name) for name in understood]
+        found, headings = _vectors(path, names, understood, bare)
     if options.topic is not None:
         raise InputError(
             f"{path_text(path)}: topic does not apply: no body {value_text(options.topic)} has a quaternion; leave it out"
@@ -327,8 +344,27 @@ def motion_columns(
         )  # x, y, z beside a quaternion, as in the header of TUM
     if options.rate is not None:
         return MotionColumns(None, found)
-    clock = _clock(path, names, headings, found)
+    clock = _clock(path, names, headings, found, is_date)
     return MotionColumns(clock, found, None if clock is None else _fraction(clock, names))
+
+
+_RATE_END: Final = re.compile(
+    r"(.+[^A-Za-z])((?:ang(?:ular)?_?(?:vel(?:ocity)?|rates?)|gyro(?:scope)?|body_?rates?|omega|rotation_?rate)\b.*|"
+    r"(?:ang(?:ular)?_?(?:vel(?:ocity)?|rates?)|gyro(?:scope)?|body_?rates?|omega|rotation_?rate)_.*)",
+    re.IGNORECASE,
+)
+"""A rate behind the name of what it is of."""
+_NOT_OF_BODY: Final = re.compile(
+    r"world|inertial|global|spatial|earth|root|eci|ned|enu|setpoint|desired|cmd|command|goal|target|ref|err|noise",
+    re.IGNORECASE,
+)
+"""Words before a rate that is in other axes, or that was not measured."""
+
+
+def _of_source(name: str) -> str:
+    """A name without that of its source in front of a rate; one that is in other axes, or a wish, as it is."""
+    matched = _RATE_END.fullmatch(name.strip())
+    return name if matched is None or _NOT_OF_BODY.search(matched[1]) else matched[2]
 
 
 def _vectors(
@@ -441,6 +477,7 @@ def _clock(
     names: Sequence[str],
     headings: Sequence[Heading | None],
     found: dict[Quantity, VectorColumns],
+    is_date: Callable[[int], bool] | None,
 ) -> tuple[int, str] | None:
     """Index and unit of the clock among the columns.
 
@@ -460,6 +497,8 @@ def _clock(
         vector = next((found[each] for each in _CLOCKED if each in found), None)
         own = _words(names[vector.indices[0]])[:1] if vector is not None else []
         return next((clock for clock in stated if own and _words(names[clock[0]])[:1] == own), stated[0])
+    if len(clocks) > 1 and is_date is not None:
+        clocks = [clock for clock in clocks if is_date(clock[0])] or clocks
     if len(clocks) > 1:
         listed = " and ".join(value_text(names[k]) for k, _ in clocks[:2])
         raise InputError(

@@ -88,6 +88,22 @@ def clock_unit(
     )
 
 
+def _is_date(source: NamedColumns, column: int) -> bool:
+    """Whether the first and last stamps of a column are of the years 1995 to 2100 in one unit."""
+    try:
+        table = source.read([column], keys=1)
+    except InputError:
+        try:
+            table = source.read([column])
+        except InputError:
+            return False
+    ends = np.abs(table.values[[0, -1], 0])
+    return any(
+        ((_CALENDAR[0] < ends * second) & (ends * second < _CALENDAR[1])).all()
+        for second in CLOCK_UNITS.values()
+    )
+
+
 def _plausible_units(time: Float[np.ndarray, " n"], step: float) -> list[str]:
     """Units at which the sampling rate is plausible."""
     whole = bool((time == np.round(time)).all())
@@ -161,7 +177,7 @@ def motion_of(source: NamedColumns, options: ReadingOptions, bare: Quantity | No
         doubt or contradicts what is stated; numbers out of their range.
     """
     source = as_measured(source)
-    columns = motion_columns(source.path, source.names, options, bare)
+    columns = motion_columns(source.path, source.names, options, bare, lambda k: _is_date(source, k))
     if source.stated_rate is not None and options.rate is None and not _has_clock(source, columns):
         counters = [(k, SAMPLES) for k, name in enumerate(source.names) if name.lower() in COUNTERS]
         columns = replace(columns, time=next(iter(counters), None))
@@ -230,15 +246,24 @@ def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
     )
 
 
+_UNITS_OF_LOGGERS: Final = (
+    (frozenset({"rtcTime", "output_Hz"}), "deg/s"),  # OpenLog Artemis
+    (frozenset({"gyro_uncalib_x", "game_rv[0]"}), "rad/s"),  # RoNIN, as Android's
+    (frozenset({"HeadBandOn", "Elements"}), "deg/s"),  # Mind Monitor
+    (frozenset({"Unix Time", "Microseconds", "IMU Temperature"}), "rad/s"),  # Advanced Navigation
+    (frozenset({"rotationRate.x", "userAcceleration.x"}), "rad/s"),  # Core Motion of iOS
+)
+"""Columns that only one logger has, and the unit of its rates."""
+
+
 def _unit_of_logger(names: Sequence[str], table: Table) -> str:
     """Unit of body rates that a logger is known to write, by columns that only it has; empty of others."""
     is_android = "accuracy" in names and table.names[-3:] == ("x", "y", "z")
     if "seconds_elapsed" in names or is_android:
         return "rad/s"
-    if {"rtcTime", "output_Hz"} <= set(names):  # OpenLog Artemis
-        return "deg/s"
-    if {"gyro_uncalib_x", "game_rv[0]"} <= set(names):  # RoNIN, as Android's
-        return "rad/s"
+    for own, unit in _UNITS_OF_LOGGERS:
+        if own <= set(names):
+            return unit
     if {"PacketCounter", "SampleTimeFine"} <= set(names):
         return "deg/s" if table.values.shape[1] > 3 and _tick(table.values[:, 0]) == "us" else "rad/s"
     return ""

@@ -263,3 +263,60 @@ def test_what_a_stranger_wrote_otherwise_is_refused_in_one_line(
     with pytest.raises(InputError, match=why) as refusal:
         spinfilters.load(make(tmp_path), rate=50.0 if make is twice_one_vertex else None)
     assert len(str(refusal.value).splitlines()) == 1
+
+
+def vendor(head: str, *columns: Any) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        rows = zip(*(c if np.ndim(c) == 1 else c for c in columns), strict=True)
+        cells = [[v for cell in row for v in (cell if np.ndim(cell) else [cell])] for row in rows]
+        return text(folder / "v.csv", head + "\n", cells)
+
+    return make
+
+
+def foxglove(folder: Path) -> Path:
+    rows = [
+        {
+            "receiveTime": {"sec": int(ms) // 1000, "nsec": int(ms) % 1000 * 1_000_000 + 77},
+            "message": {
+                "header": {"stamp": {"sec": int(ms) // 1000, "nsec": int(ms) % 1000 * 1_000_000}},
+                "angular_velocity": vector(w),
+            },
+        }
+        for ms, w in zip(1_700_000_000_000 + MILLISECONDS, RATES, strict=True)
+    ]
+    return document(folder, rows)
+
+
+def timeseries(folder: Path) -> Path:
+    savemat(folder / "t.mat", {"omega": {"Time": TIME[:, None], "Data": RATES, "Name": "omega"}})
+    return folder / "t.mat"
+
+
+UNUSUAL: dict[str, Callable[[Path], Path]] = {
+    "host and node": vendor(
+        "HostTimestamp,NodeTimestamp,X (dps),Y (dps),Z (dps)",
+        1_710_496_800_000 + MILLISECONDS,
+        MILLISECONDS // 8,
+        DEGREES,
+    ),
+    "Euler parameters": vendor("t,x,y,z,e0,e1,e2,e3", TIME, PLACE, WXYZ),
+    "letters of mathematics": vendor("timestamp,ω₁(t),ω₂(t),ω₃(t)", TIME, RATES),
+    "a source in front": vendor(
+        "t,probe_angular_velocity_x,probe_angular_velocity_y,probe_angular_velocity_z", TIME, RATES
+    ),
+    "Foxglove": foxglove,
+    "a timeseries": timeseries,
+}
+
+
+@pytest.mark.parametrize("case", UNUSUAL)
+def test_a_table_of_unusual_names_is_read_as_it_is(case: str, tmp_path: Path) -> None:
+    require_motion(spinfilters.load(UNUSUAL[case](tmp_path)))
+
+
+@pytest.mark.parametrize("whose", ["world", "target", "root"])
+def test_a_rate_in_other_axes_or_a_wish_is_no_body_rate(whose: str, tmp_path: Path) -> None:
+    head = ",".join(["t", *(f"{whose}_angular_velocity_{axis}" for axis in "xyz")])
+    with pytest.raises(InputError, match="no body rate"):
+        spinfilters.load(vendor(head, TIME, RATES)(tmp_path))
