@@ -355,7 +355,7 @@ _RATE_END: Final = re.compile(
 )
 """A rate behind the name of what it is of."""
 _NOT_OF_BODY: Final = re.compile(
-    r"world|inertial|global|spatial|earth|root|eci|ned|enu|setpoint|desired|cmd|command|goal|target|ref|err|noise",
+    r"world|inertial|global|spatial|earth|root|eci|ned|enu|bias|std|cov|raw|uncal|temp|norm|setpoint|desired|cmd|command|goal|target|ref|err|noise",
     re.IGNORECASE,
 )
 """Words before a rate that is in other axes, or that was not measured."""

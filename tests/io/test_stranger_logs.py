@@ -267,7 +267,7 @@ def test_what_a_stranger_wrote_otherwise_is_refused_in_one_line(
 
 def vendor(head: str, *columns: Any) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
-        rows = zip(*(c if np.ndim(c) == 1 else c for c in columns), strict=True)
+        rows = zip(*columns, strict=True)
         cells = [[v for cell in row for v in (cell if np.ndim(cell) else [cell])] for row in rows]
         return text(folder / "v.csv", head + "\n", cells)
 
