@@ -345,7 +345,7 @@ def motion_columns(
     if options.rate is not None:
         return MotionColumns(None, found)
     clock = _clock(path, names, headings, found, is_date)
-    return MotionColumns(clock, found, None if clock is None else _fraction(clock, names))
+    return MotionColumns(clock, found, None if clock is None else _fraction(*clock, names))
 
 
 _RATE_END: Final = re.compile(
@@ -453,15 +453,15 @@ def _vector(
     return VectorColumns(tuple(k for k, _ in chosen), units.pop(), all(h.is_si for _, h in chosen))
 
 
-def _fraction(clock: tuple[int, str], names: Sequence[str]) -> tuple[int, float] | None:
+def _fraction(clock: int, stated: str, names: Sequence[str]) -> tuple[int, float] | None:
     """Column of what whole seconds leave: named as the clock is, as stamp.sec and stamp.nanosec, or by its unit alone."""
-    if clock[1] not in ("s", ""):
+    if stated not in ("s", ""):
         return None
-    own = _words(names[clock[0]])
+    own = _words(names[clock])
     stem = own[:-1] if own and TIME_UNITS.get(own[-1]) == "s" else own
     for k, words in enumerate(map(_words, names)):
         unit = TIME_UNITS.get(words[-1], "") if words else ""
-        if k != clock[0] and unit in _FRACTIONS and words[:-1] in (stem, []):
+        if k != clock and unit in _FRACTIONS and words[:-1] in (stem, []):
             return k, CLOCK_UNITS[unit]
     return None
 
