@@ -338,13 +338,13 @@ class EchoedMessagesReader(StatedReader):
         """Whether a text begins with a message."""
         if not is_file_named(path, (".txt", ".yaml", ".yml", ".log")):
             return False
-        from spinfilters.io.echoed_messages import has_echoed_messages
+        from spinfilters.io.text_logs import has_echoed_messages
 
         return has_echoed_messages(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Motion of all whole messages."""
-        from spinfilters.io.echoed_messages import read_echoed_messages
+        from spinfilters.io.text_logs import read_echoed_messages
 
         return read_echoed_messages(path, self.options)
 
@@ -357,7 +357,7 @@ class Px4LogReader(StatedReader):
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates or attitudes of the topic that the user states, or of the first that describes a motion."""
-        from spinfilters.io.px4_log import read_px4_log
+        from spinfilters.io.flight_logs import read_px4_log
 
         return read_px4_log(path, self.options)
 
@@ -371,7 +371,7 @@ class ArduPilotLogReader(StatedReader):
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates of the first gyro of the first message that has some."""
-        from spinfilters.io.ardupilot_log import read_ardupilot_log
+        from spinfilters.io.flight_logs import read_ardupilot_log
 
         return read_ardupilot_log(path, self.options)
 
@@ -385,13 +385,13 @@ class TypedRowsReader(StatedReader):
         """Whether the first lines list the columns of a sensor of its own."""
         if not is_file_named(path, (".csv", ".txt", ".log")):
             return False
-        from spinfilters.io.typed_rows import has_typed_rows
+        from spinfilters.io.text_logs import has_typed_rows
 
         return has_typed_rows(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Measurements of the sensor that the user states, or of the first that describes a motion."""
-        from spinfilters.io.typed_rows import read_typed_rows
+        from spinfilters.io.text_logs import read_typed_rows
 
         return read_typed_rows(path, self.options)
 
@@ -418,13 +418,13 @@ class LabelledLinesReader(StatedReader):
         """Whether most of the first lines are labels with numbers."""
         if not is_file_named(path, (".log", ".txt", ".csv")):
             return False
-        from spinfilters.io.labelled_lines import has_labelled_lines
+        from spinfilters.io.text_logs import has_labelled_lines
 
         return has_labelled_lines(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates of the lines that have some."""
-        from spinfilters.io.labelled_lines import read_labelled_lines
+        from spinfilters.io.text_logs import read_labelled_lines
 
         return read_labelled_lines(path, self.options)
 
@@ -463,7 +463,7 @@ class GyroflowReader(StatedReader):
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates about the axes of the log."""
-        from spinfilters.io.gyroflow_log import read_gyroflow
+        from spinfilters.io.text_logs import read_gyroflow
 
         return read_gyroflow(path, self.options)
 
