@@ -44,8 +44,7 @@ from spinfilters.smoother.mass_posterior import (
     MassSampler,
     log_volumes,
 )
-from spinfilters.smoother.mass_surrogate import SurrogatePosterior
-from spinfilters.smoother.posterior import SamplingOptions, sample_posterior
+from spinfilters.smoother.posterior import SamplingOptions, SurrogatePosterior, sample_posterior
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Problem, Stage
 

@@ -10,7 +10,7 @@ from experiments.smoother_runs import Arrays, root_mean_square
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
-from spinfilters.reproduction.tweddle.marginal_deviations import QUANTITIES, THESIS
+from spinfilters.reproduction.tweddle.final_deviations import QUANTITIES, THESIS
 
 DOF: Final = StateLayout(FULL_BLOCKS).error_dim
 BOUND_RATIO, MOMENTS_RATIO, THESIS_NEES, LINEARISATIONS = 1.10, 1.3, 22.5, 12

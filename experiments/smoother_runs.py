@@ -23,7 +23,7 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import EstimatorStatus
-from spinfilters.reproduction.tweddle.marginal_deviations import actual_errors, marginal_std
+from spinfilters.reproduction.tweddle.final_deviations import actual_errors, marginal_std
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.smoother.batch_smoother import GATE, AnnealedSchedule
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED

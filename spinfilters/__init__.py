@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import bind_members
-from spinfilters.registries import bind_registries
 from spinfilters.version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -31,13 +30,28 @@ if TYPE_CHECKING:
     from spinfilters.settings.run_settings import Settings
 
 
+def _own_sensors() -> tuple[object, ...]:
+    from spinfilters.models.sensor_registry import OWN_SENSORS
+
+    return OWN_SENSORS
+
+
+def _own_calibration() -> tuple[object, ...]:
+    from spinfilters.models.calibration import OWN_CALIBRATION
+
+    return OWN_CALIBRATION
+
+
 def _own_estimators() -> tuple[object, ...]:
     from spinfilters.run.estimators import OWN
 
     return OWN
 
 
-bind_registries()
+# Where members of registries stand that layers below them ask for: files are read and written by the formats of all sensors, and a
+# sensor is one module above the files. The modules are imported when somebody asks.
+bind_members("spinfilters.sensors", _own_sensors)
+bind_members("spinfilters.calibration", _own_calibration)
 bind_members("spinfilters.estimators", _own_estimators)
 
 __all__ = [

@@ -79,7 +79,7 @@ _MEMBERS: dict[str, Callable[[], tuple[object, ...]]] = {}
 def bind_members(group: str, members: Callable[[], tuple[object, ...]]) -> None:
     """Register where the package's own members of a group are defined.
 
-    The top of the package does so (`spinfilters.registries`), which knows the modules above the layers that ask.
+    The top of the package does so (`spinfilters`), which knows the modules above the layers that ask.
 
     Parameters
     ----------

@@ -10,7 +10,8 @@ linearises, and by which of four paths it updates:
 4. landmarks of an unknown map, which have an iteration of their own (`correct_by_landmarks`).
 
 Another filter is a class of its own in this package, and an entry in the table `OWN` of `spinfilters.run.estimators`. It linearises
-process and measurements in its own way, or derives from `FirstOrderFilter` and corrects in its own way.
+process and measurements in its own way, or derives from `FirstOrderFilter` and corrects in its own way. The invariant extended
+Kalman filter at the end is the MEKF with the error coordinates of a group of rigid motions.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,15 +21,10 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.filters.compiled_steps import Update, compiled_update
-from spinfilters.filters.epoch_run import (
-    RunOptions,
-    compiled_loops,
-    run_options,
-    take_in,
-    take_in_runs,
-)
+from spinfilters.filters.epoch_run import RunOptions, compiled_loops, run_options, take_in, take_in_runs
+from spinfilters.filters.error_coordinates import ErrorCoordinates, InvariantOptions
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel, RunsTaken
-from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
+from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter, PredictedMeasurement
 from spinfilters.filters.flow_curvature import FlowCurvature, widened_runs
 from spinfilters.filters.iterated_update import (
     IteratedObservations,
@@ -44,6 +40,7 @@ from spinfilters.filters.measurement_prediction import LinearisedRows, linear_ro
 from spinfilters.filters.noise_levels import AdaptationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions, SensorOutlierRejection
 from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.filters.square_root import square_root_update
 from spinfilters.models.measurement import MeasurementModel
 
 
@@ -255,3 +252,38 @@ class MultiplicativeEkf(FirstOrderFilter):
                 return None
         outliers.count(count, count - update.correction.dof // model.dim)
         return update
+
+
+class InvariantEkf(FirstOrderFilter):
+    """First-order filter whose error coordinates couple attitude, position and velocity, by default as SE_2(3).
+
+    Predictions are those of the MEKF, because a covariance about the mean is the same in all coordinates to first order. An update
+    moves the mean along the group and the covariance by the derivative of that move. It is not iterated.
+
+    Parameters
+    ----------
+    process : ProcessModel
+        See `MultiplicativeFilter`.
+    robust, adaptation
+        See `MultiplicativeFilter`.
+    options : InvariantOptions or None
+        Which error coordinates.
+    """
+
+    name = "invariant"
+
+    def __init__(
+        self,
+        process: ProcessModel,
+        robust: RobustOptions | None = None,
+        adaptation: AdaptationOptions | None = None,
+        options: InvariantOptions | None = None,
+    ) -> None:
+        super().__init__(process, robust, adaptation)
+        self._coordinates = ErrorCoordinates(self.layout, (options or InvariantOptions()).coordinates)
+
+    def correct_linearly(self, predicted: PredictedMeasurement) -> Update:
+        """The correction by values that are linear in the error, folded into the mean along the group."""
+        correction = square_root_update(predicted.predicted(self.factor))
+        mean, factor = self._coordinates.fold(self.mean, correction.error, correction.factor)
+        return Update(mean, correction, factor)

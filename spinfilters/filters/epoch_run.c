@@ -143,8 +143,9 @@ static integer sigma_room(const Filter* f) {
   return u ? u->points * (2 * f->n + 2 * f->point + u->constants + 15) + (u->points + f->noise) * f->n + f->n : 0;
 }
 
-/* `predict` of an unscented filter: `linearise_process` of `ukf.py`, and the factor of [deviations | noise]. */
-static int predict_sigma(const Filter* f, double dt, double* x, double* S, double* room) {
+/* `linearise_process` of `ukf.py` at x and S: mean, transition and noise factor as `parts_of` the room, and rows of weighted
+ * deviations, with room for those of the noise behind; none where a step needs more substeps than are built. */
+static double* spread_sigma(const Filter* f, double dt, const double* x, const double* S, double* room) {
   const Sigma* u = f->sigma;
   const integer n = f->n, m = f->point, p = u->points, k = f->noise, q = u->constants;
   const Step at = parts_of(f, room);
@@ -218,11 +219,44 @@ static int predict_sigma(const Filter* f, double dt, double* x, double* S, doubl
   }
   for (integer i = 0; i < p; ++i)
     for (integer a = 0; a < n; ++a) rows[i * n + a] *= u->root_weights[i];
+  return rows;
+}
+
+/* `predict` of an unscented filter: the factor of [deviations | noise]. */
+static int predict_sigma(const Filter* f, double dt, double* x, double* S, double* room) {
+  const integer n = f->n, p = f->sigma->points, k = f->noise;
+  const Step at = parts_of(f, room);
+  double* rows = spread_sigma(f, dt, x, S, room);
+  if (!rows) return 0;
   for (integer b = 0; b < k; ++b)
     for (integer a = 0; a < n; ++a) rows[(p + b) * n + a] = at.noise[a * k + b];
-  u->triangle(rows, p + k, n, n, 1, S);
-  memcpy(x, at.after, m * sizeof(double));
+  f->sigma->triangle(rows, p + k, n, n, 1, S);
+  memcpy(x, at.after, f->point * sizeof(double));
   return 1;
+}
+
+/* Numbers of the room of `predict` and of `spread_sigma`. */
+static integer step_room(const Filter* f) {
+  const integer n = f->n;
+  return f->errors + 4 * n * n + 2 * n * f->noise + f->point + sigma_room(f);
+}
+
+/* `linearise_process` of an unscented filter: mean [m], deviations [points][n], transition [n][n] and noise factor [n][k]; 0 where
+ * it needs more than what is built. */
+integer spread(const Filter* f, double dt, const double* x, const double* S, double* mean, double* deviations, double* transition,
+               double* noise) {
+  const integer n = f->n;
+  double* room = malloc(step_room(f) * sizeof(double));
+  const double* rows = room ? spread_sigma(f, dt, x, S, room) : 0;
+  if (rows) {
+    const Step at = parts_of(f, room);
+    memcpy(mean, at.after, f->point * sizeof(double));
+    memcpy(deviations, rows, f->sigma->points * n * sizeof(double));
+    memcpy(transition, at.transition, n * n * sizeof(double));
+    memcpy(noise, at.noise, n * f->noise * sizeof(double));
+  }
+  free(room);
+  return rows != 0;
 }
 
 /* Whether values may repeat those of the image before (`DuplicateImages`): some of a sample, spread over all, has the first
@@ -440,10 +474,9 @@ typedef struct {
  * a sensor in an epoch at most; width: most numbers of a linearised value. */
 integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer epochs, const double* dt, const double* mean,
                 const double* factor, integer most, integer width, const Rows* to) {
-  const integer n = f->n, m = f->point, k = f->noise;
-  const integer predicting = f->errors + 3 * n * n + 2 * n * k + m, making = 3 + 2 * n + 3 * n * n + m;
-  const integer behind = sigma_room(f), updating = update_room(f, most, MOST_DIM);
-  double* all = malloc((m + n * n + predicting + n * n + behind + making + 2 * most * width + updating) * sizeof(double));
+  const integer n = f->n, m = f->point;
+  const integer predicting = step_room(f), making = 3 + 2 * n + 3 * n * n + m, updating = update_room(f, most, MOST_DIM);
+  double* all = malloc((m + n * n + predicting + making + 2 * most * width + updating) * sizeof(double));
   integer* index = f->sigma ? malloc(2 * (most * f->sigma->points + 1) * sizeof(integer)) : 0;
   Last* last = malloc((sensors + 1) * sizeof(Last));
   if (!all || !last || (f->sigma && !index)) {
@@ -452,7 +485,7 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
     free(index);
     return 0;
   }
-  double *x = all, *S = x + m, *room = S + n * n, *made = room + predicting + n * n + behind, *rows = made + making;
+  double *x = all, *S = x + m, *room = S + n * n, *made = room + predicting, *rows = made + making;
   double *again = rows + most * width, *spare = again + most * width;
   memcpy(x, mean, m * sizeof(double));
   memcpy(S, factor, n * n * sizeof(double));

@@ -40,6 +40,7 @@ from spinfilters.models.state_layout import StateLayout
 
 _SIGNATURES: Final = {
     "take_in": Signature("pip" + "ip" + "pp" + "iip", ctypes.c_longlong),
+    "spread": Signature("pdpp" + "pppp", ctypes.c_longlong),
     "take_in_runs": Signature("pipp" + "iip" + "pp" + "iip" + "ppp", None),
 }
 _ROWS: Final = ("mean", "factor", "nis", "log_likelihood", *COUNTS)
@@ -283,6 +284,64 @@ class _Call(NamedTuple):
         widths = [part.every.model.dim * (len(part.every.model.columns) + 1) + 2 for part in epochs.sensors]
         kept = (given, loops, updates, scales, sigma)
         return cls(library, chosen, (_Sensor * len(sensors))(*sensors), most, max(widths), kept)
+
+
+class CompiledSpread:
+    """Sigma points of an unscented filter after a step, in one call.
+
+    Attributes
+    ----------
+    points : int
+        How many there are.
+    """
+
+    def __init__(
+        self, process: ProcessModel, points: SigmaPoints, library: ctypes.PyDLL, loops: LinearisedLoops
+    ) -> None:
+        sigma = _sigma(process, points, len(loops.loops))
+        assert sigma is not None
+        self._library, self.points, self._noise_dim = library, len(points.offsets), loops.noise_dim
+        scales = np.ones(MOST_NOISE)
+        self._filter = _filter(process.layout, loops, scales, IterationOptions(1), 0)
+        self._filter.sigma = ctypes.addressof(sigma[0])
+        self._address, self._kept = ctypes.addressof(self._filter), (sigma, scales, loops)
+
+    @classmethod
+    def of(cls, process: ProcessModel, points: SigmaPoints) -> "CompiledSpread | None":
+        """For steps like those that were linearised so far; None where something compiled is missing."""
+        library, loops = _library(), process.linearised_loops()
+        if library is None or loops is None or _sigma(process, points, len(loops.loops)) is None:
+            return None
+        return cls(process, points, library, loops)
+
+    def __call__(
+        self, mean: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n n"], dt: float
+    ) -> "SpreadPoints | None":
+        """Points drawn about a mean along the columns of a factor, after dt > 0 s; None where the step needs more than is built."""
+        n, x, S = len(factor), np.ascontiguousarray(mean), np.ascontiguousarray(factor)
+        made = SpreadPoints(
+            np.empty(len(x)), np.empty((self.points, n)), np.empty((n, n)), np.empty((n, self._noise_dim))
+        )
+        return made if self._library.spread(self._address, dt, *map(address, (x, S, *made))) else None
+
+
+class SpreadPoints(NamedTuple):
+    """Sigma points after a step.
+
+    Attributes
+    ----------
+    mean : ndarray of float, shape (m,)
+        Of the points.
+    deviations : ndarray of float, shape (p, n)
+        From it, weighted.
+    transition, noise : ndarray of float, shape (n, n) and (n, k)
+        Of the step linearised at the mean before it.
+    """
+
+    mean: Float[np.ndarray, " m"]
+    deviations: Float[np.ndarray, "p n"]
+    transition: Float[np.ndarray, "n n"]
+    noise: Float[np.ndarray, "n k"]
 
 
 def compiled_loops(process: ProcessModel, models: Sequence[MeasurementModel]) -> CompiledLoops | None:

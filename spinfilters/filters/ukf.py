@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.filters.epoch_run import compiled_loops, run_options, take_in
+from spinfilters.filters.epoch_run import CompiledSpread, SpreadPoints, compiled_loops, run_options, take_in
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
 from spinfilters.filters.landmark_observations import Regression, SolvedObservations, solve
@@ -65,6 +65,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
         self._mean_weights = points.mean_weights
         self._root_weights = points.root_weights
         self._subset = cache(self._build_subset)
+        self._compiled_spread: CompiledSpread | None = None
 
     def __init_subclass__(cls) -> None:
         """Make a subclass without its own `take_in` take each epoch by itself, outside compiled loops."""
@@ -108,13 +109,8 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
     def linearise_process(self, dt: float) -> LinearisedProcess:
         """Mean and spread of the sigma points after the step; the transition is the derivative at the mean."""
-        _, transition, noise = self.process.linearise(self.mean, dt)
         self._make_triangular()
-        # X_i <- f(X_i, dt); mean of the tangents about the centre's, deviations about that mean.
-        moved = self.process.step(self.layout.retract_each(self.mean, self._displace(self._offsets)), dt)
-        centre = moved[0]
-        mean = self.layout.retract(centre, self._mean_weights @ self.layout.local_each(centre, moved))
-        deviations = self._root_weights[:, None] * self.layout.local_each(mean, moved)
+        mean, deviations, transition, noise = self._spread(dt)
         if self._held is None:
             return LinearisedProcess(mean, transition, noise, deviations.T)
         # Modes and move after the state depend on the factor's coordinates: regress on these, [A | D - A E'].
@@ -123,6 +119,29 @@ class MultiplicativeUkf(MultiplicativeFilter):
         rows[:, : self._n] = deviations.T @ scaled
         rest = deviations.T - rows[:, : self._n] @ scaled.T
         return LinearisedProcess(mean, transition, noise, np.concatenate([rows, rest], axis=1))
+
+    def _spread(self, dt: float) -> SpreadPoints:
+        """Sigma points after a step, by compiled code where there is any for so many substeps."""
+        found = self._compiled_points(dt)
+        if found is not None:
+            return found
+        _, transition, noise = self.process.linearise(self.mean, dt)  # builds what a step like this needs
+        self._compiled_spread = CompiledSpread.of(self.process, self._sigma_points)
+        found = self._compiled_points(dt)
+        if found is not None:
+            return found
+        # X_i <- f(X_i, dt); mean of the tangents about the centre's, deviations about that mean.
+        moved = self.process.step(self.layout.retract_each(self.mean, self._displace(self._offsets)), dt)
+        centre = moved[0]
+        mean = self.layout.retract(centre, self._mean_weights @ self.layout.local_each(centre, moved))
+        deviations = self._root_weights[:, None] * self.layout.local_each(mean, moved)
+        return SpreadPoints(mean, deviations, transition, noise)
+
+    def _compiled_points(self, dt: float) -> SpreadPoints | None:
+        """Sigma points by what has been compiled for other steps."""
+        if self._compiled_spread is None or not dt > 0:
+            return None
+        return self._compiled_spread(self.mean, self.factor[: self._n, : self._n], dt)
 
     def predict_measurement(self, measurement: Measurement) -> "RegressedRows":
         """Innovations of the usable values at the sigma points that the sensor sees apart, whitened by the noise at the mean."""

@@ -301,7 +301,7 @@ class ErrorsFigure(FigureEntry):
 
 
 class EnergyFigure(FigureEntry):
-    """Figure entry of `spinfilters.plots.energies`."""
+    """Figure entry of `spinfilters.plots.time_courses`."""
 
     name, order = "energy", 7
     caption = "Kinetic energy of rotation and translation of every estimator, with the true ones."
@@ -316,7 +316,7 @@ class EnergyFigure(FigureEntry):
 
     def draw(self, shown: FigureData, name: str) -> "Figure":
         """Energies of all estimators and of the truth."""
-        from spinfilters.plots.energies import energy_figure
+        from spinfilters.plots.time_courses import energy_figure
 
         assert shown.dataset.truth is not None
         return energy_figure(shown.evaluations, shown.dataset.truth)

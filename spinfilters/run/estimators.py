@@ -45,7 +45,7 @@ from spinfilters.smoother.window import FixedLag, FullSmoothing
 
 if TYPE_CHECKING:
     from spinfilters.embedded.embedded_estimator import EmbeddedFilter
-    from spinfilters.filters.invariant_ekf import InvariantEkf
+    from spinfilters.filters.ekf import InvariantEkf
     from spinfilters.filters.joint_ekf import JointEkf
     from spinfilters.filters.ukf import MultiplicativeUkf
 
@@ -159,7 +159,7 @@ class InvariantEntry(MultiplicativeEntry):
 
     def build(self, setup: Setup, settings: Settings) -> "InvariantEkf":
         """The invariant EKF with the run's options."""
-        from spinfilters.filters.invariant_ekf import InvariantEkf
+        from spinfilters.filters.ekf import InvariantEkf
 
         return InvariantEkf(setup.process, settings.robust, settings.adaptation, settings.invariant)
 

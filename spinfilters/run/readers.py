@@ -338,13 +338,13 @@ class EchoedMessagesReader(StatedReader):
         """Whether a text begins with a message."""
         if not is_file_named(path, (".txt", ".yaml", ".yml", ".log")):
             return False
-        from spinfilters.io.echoed_messages import has_echoed_messages
+        from spinfilters.io.text_logs import has_echoed_messages
 
         return has_echoed_messages(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Motion of all whole messages."""
-        from spinfilters.io.echoed_messages import read_echoed_messages
+        from spinfilters.io.text_logs import read_echoed_messages
 
         return read_echoed_messages(path, self.options)
 
@@ -357,7 +357,7 @@ class Px4LogReader(StatedReader):
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates or attitudes of the topic that the user states, or of the first that describes a motion."""
-        from spinfilters.io.px4_log import read_px4_log
+        from spinfilters.io.flight_logs import read_px4_log
 
         return read_px4_log(path, self.options)
 
@@ -371,7 +371,7 @@ class ArduPilotLogReader(StatedReader):
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates of the first gyro of the first message that has some."""
-        from spinfilters.io.ardupilot_log import read_ardupilot_log
+        from spinfilters.io.flight_logs import read_ardupilot_log
 
         return read_ardupilot_log(path, self.options)
 
@@ -385,13 +385,13 @@ class TypedRowsReader(StatedReader):
         """Whether the first lines list the columns of a sensor of its own."""
         if not is_file_named(path, (".csv", ".txt", ".log")):
             return False
-        from spinfilters.io.typed_rows import has_typed_rows
+        from spinfilters.io.text_logs import has_typed_rows
 
         return has_typed_rows(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Measurements of the sensor that the user states, or of the first that describes a motion."""
-        from spinfilters.io.typed_rows import read_typed_rows
+        from spinfilters.io.text_logs import read_typed_rows
 
         return read_typed_rows(path, self.options)
 
@@ -418,13 +418,13 @@ class LabelledLinesReader(StatedReader):
         """Whether most of the first lines are labels with numbers."""
         if not is_file_named(path, (".log", ".txt", ".csv")):
             return False
-        from spinfilters.io.labelled_lines import has_labelled_lines
+        from spinfilters.io.text_logs import has_labelled_lines
 
         return has_labelled_lines(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates of the lines that have some."""
-        from spinfilters.io.labelled_lines import read_labelled_lines
+        from spinfilters.io.text_logs import read_labelled_lines
 
         return read_labelled_lines(path, self.options)
 
@@ -463,9 +463,48 @@ class GyroflowReader(StatedReader):
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates about the axes of the log."""
-        from spinfilters.io.gyroflow_log import read_gyroflow
+        from spinfilters.io.text_logs import read_gyroflow
 
         return read_gyroflow(path, self.options)
+
+
+class PoseGraphReader(StatedReader):
+    """Pose graphs of g2o."""
+
+    name, order, words = "pose-graph", 51, "a pose graph (.g2o)"
+    suffixes = (".g2o",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Poses of the vertices, at the stated rate."""
+        from spinfilters.io.pose_graph import read_pose_graph
+
+        return read_pose_graph(path, self.options)
+
+
+class LabviewReader(StatedReader):
+    """Measurement files of LabVIEW."""
+
+    name, order, words = "labview", 52, "a LabVIEW file (.lvm)"
+    suffixes = (".lvm",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates, poses or attitudes of its channels."""
+        from spinfilters.io.labview_file import read_labview_file
+
+        return read_labview_file(path, self.options)
+
+
+class OpenSimReader(StatedReader):
+    """Orientations of OpenSim."""
+
+    name, order, words = "opensim", 53, "a table of OpenSim (.sto)"
+    suffixes = (".sto",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Attitudes of the only body, or of the one that the user names by the topic."""
+        from spinfilters.io.opensim_table import read_opensim_table
+
+        return read_opensim_table(path, self.options)
 
 
 class OtherFolderReader(DatasetReader):
@@ -535,6 +574,9 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     AttitudeEphemerisReader(),
     MvnxReader(),
     GyroflowReader(),
+    PoseGraphReader(),
+    LabviewReader(),
+    OpenSimReader(),
     OtherFolderReader(),
     MotionFileReader(),
     SensorTableReader(),

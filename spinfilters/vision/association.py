@@ -23,7 +23,7 @@ from spinfilters.core.attitude_conversions import (
 from spinfilters.core.cameras import stereo_pair
 from spinfilters.io.camera import StereoRig
 from spinfilters.models.tracks.pose_consensus import Matches
-from spinfilters.models.tracks.track_poses import FittedPose, fit_pose
+from spinfilters.models.tracks.track_poses import FittedPose, fit_poses
 from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.stereo_geometry import near_pairs, pixels_by_point, pixels_of
 from spinfilters.vision.stereo_matching import EpochObservations, StereoFeatures, clear_pairs
@@ -72,6 +72,8 @@ class LandmarkViews:
         (count,) epoch.
     observations : ndarray of shape (k,)
         (count,).
+    retirements : int
+        How often a landmark was left out of the search: while it stays, a search finds what it found.
     """
 
     def __init__(self, descriptor_dim: int) -> None:
@@ -86,6 +88,7 @@ class LandmarkViews:
         self._last_seen = np.zeros(0, dtype=int)
         self._observations = np.zeros(0, dtype=int)
         self._retired = np.zeros(0, dtype=bool)
+        self.retirements = 0
 
     @property
     def points(self) -> Float[np.ndarray, "k 3"]:
@@ -115,6 +118,7 @@ class LandmarkViews:
     def retire(self, rows: Int[np.ndarray, " n"]) -> None:
         """Look for these no longer."""
         self._retired[rows] = True
+        self.retirements += len(rows)
 
     def add(self, count: int) -> Int[np.ndarray, " n"]:
         """Numbers of so many new landmarks."""
@@ -248,6 +252,49 @@ class Association:
     same_px: float = 1.5
 
 
+class _LandmarksInView(NamedTuple):
+    """Landmarks in view from a pose.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (n,)
+        Their numbers.
+    pixels : ndarray of shape (n, 3)
+        Where they are expected.
+    descriptors : ndarray of shape (n, d)
+        Of the views nearest to the line of sight.
+    """
+
+    rows: Int[np.ndarray, " n"]
+    pixels: Float[np.ndarray, "n 3"]
+    descriptors: Float[np.ndarray, "n d"]
+
+
+class _Candidate(NamedTuple):
+    """A pose that an epoch may have.
+
+    Attributes
+    ----------
+    pose : ndarray of shape (7,)
+        Where landmarks were looked for.
+    state : tuple[int, int]
+        Of the map then (`Tracker._state`).
+    features, rows : ndarray of int, shape (n,)
+        Matches of features and landmarks around where it expects these.
+    fit : FittedPose or None
+        The pose that they agree on.
+    support : int
+        Matches within the gate of that pose.
+    """
+
+    pose: Float[np.ndarray, " 7"]
+    state: tuple[int, int]
+    features: Int[np.ndarray, " n"]
+    rows: Int[np.ndarray, " n"]
+    fit: FittedPose | None
+    support: int
+
+
 class Tracker:
     """Landmarks of the epochs so far, and the association of the next one with them."""
 
@@ -259,6 +306,7 @@ class Tracker:
         self.landmarks: LandmarkViews | None = None
         self._poses: list[TimedPose] = []
         self._latest = 0
+        self._view: tuple[Float[np.ndarray, " 7"], tuple[int, int], _LandmarksInView] | None = None
 
     def add(
         self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"] | None = None
@@ -269,11 +317,10 @@ class Tracker:
                 self._losses.lose(EPOCHS, "with too few points")
                 return None
             return self._begin_map(epoch, time, points, pose)
-        if pose is None:
-            pose = self._pose_by_odometry(time, points)
-            if pose is None:
-                return None
-        return self._register_epoch(epoch, time, points, pose)
+        if pose is not None:
+            return self._register_epoch(epoch, time, points, self._candidates(points, [pose])[0])
+        best = self._pose_by_odometry(time, points)
+        return None if best is None else self._register_epoch(epoch, time, points, best)
 
     def _begin_map(
         self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"] | None
@@ -287,7 +334,7 @@ class Tracker:
             pose = np.array([*middle, 0.0, 0.0, 0.0, 1.0])
         return self._add_to_map(epoch, time, points, pose, self.landmarks.add(len(points)))
 
-    def _pose_by_odometry(self, time: float, points: StereoFeatures) -> Float[np.ndarray, " 7"] | None:
+    def _pose_by_odometry(self, time: float, points: StereoFeatures) -> _Candidate | None:
         """Pose from landmarks of the latest epochs, or at a constant rate.
 
         From all landmarks where these explain little.
@@ -300,33 +347,44 @@ class Tracker:
         active = self.landmarks.active
         recent = np.flatnonzero(active & (self.landmarks.last_seen > self._latest - RECENT))
         poses = [self.pose_by_descriptors(points, recent), constant_rate(self._poses[-2:], time)]
-        best, support = self._best_supported(points, poses)
-        if support < CLEAR_SHARE * len(points):
-            best, support = self._best_supported(
-                points, [best, self.pose_by_descriptors(points, np.flatnonzero(active))]
-            )
-        if support < FEWEST:
+        best = self._best_supported(points, poses)
+        if best is None or best.support < CLEAR_SHARE * len(points):
+            anywhere = self.pose_by_descriptors(points, np.flatnonzero(active))
+            best = self._best_supported(points, [None if best is None else best.pose, anywhere])
+        if best is None or best.support < FEWEST:
             self._losses.lose(EPOCHS, "whose pose was not found")
             return None
-        return best
+        # another candidate may have retired landmarks that this one was found with
+        return best if best.state == self._state else self._candidates(points, [best.pose])[0]
 
     def _best_supported(
         self, points: StereoFeatures, poses: list[Float[np.ndarray, " 7"] | None]
-    ) -> tuple[Float[np.ndarray, " 7"] | None, int]:
-        """The pose with which most landmarks are found where they must be, and how many."""
-        best, most = None, 0
-        for pose in poses:
-            support = 0 if pose is None else self._count_support(points, pose)
-            if support > most:
-                best, most = pose, support
-        return best, most
+    ) -> _Candidate | None:
+        """The pose with which most landmarks are found where they must be; None where no landmark is."""
+        candidates = self._candidates(points, [pose for pose in poses if pose is not None])
+        best = max(candidates, key=lambda each: each.support, default=None)
+        return None if best is None or not best.support else best
 
-    def _count_support(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> int:
-        features, rows = self._search_landmarks(points, pose, 1.0, LossCount())
-        fit = self._fit_pose(points, features, rows)
-        return (
-            0 if fit is None else int(np.count_nonzero(self._within_gate(points, fit.pose, features, rows)))
-        )
+    def _candidates(
+        self, points: StereoFeatures, poses: Sequence[Float[np.ndarray, " 7"]]
+    ) -> list[_Candidate]:
+        """Poses with what is found in the map around each, fitted together."""
+        searches = []
+        for pose in poses:
+            before = self._state
+            searches.append((pose, before, *self._search_landmarks(points, pose, 1.0, LossCount())))
+        fits = self._fit_poses([self._matches(points, features, rows) for *_, features, rows in searches])
+        found = []
+        for (pose, before, features, rows), fit in zip(searches, fits, strict=True):
+            inside = np.zeros(0) if fit is None else self._within_gate(points, fit.pose, features, rows)
+            found.append(_Candidate(pose, before, features, rows, fit, int(np.count_nonzero(inside))))
+        return found
+
+    @property
+    def _state(self) -> tuple[int, int]:
+        """Of the map: while it stays, the same is found at the same pose."""
+        assert self.landmarks is not None
+        return self.landmarks.retirements, len(self._poses)
 
     def pose_by_descriptors(
         self, points: StereoFeatures, rows: Int[np.ndarray, " m"]
@@ -354,23 +412,36 @@ class Tracker:
         self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
     ) -> FittedPose | None:
         """Pose that most of the matches agree on (absolute orientation within RANSAC, then Gauss-Newton)."""
+        return self._fit_poses([self._matches(points, features, rows)])[0]
+
+    def _fit_poses(self, every: Sequence[Matches]) -> list[FittedPose | None]:
+        """Pose of each set of matches, None where there are too few."""
+        fits = list[FittedPose | None]([None] * len(every))
+        enough = [k for k, matches in enumerate(every) if len(matches.points) >= FEWEST]
+        if enough:
+            found = fit_poses([every[k] for k in enough], self._rig.calibration)
+            for k, fit in zip(enough, found, strict=True):
+                fits[k] = fit
+        return fits
+
+    def _matches(
+        self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
+    ) -> Matches:
+        """Features with the landmarks that they are."""
         assert self.landmarks is not None
-        if len(rows) < FEWEST:
-            return None
-        noise = self._covariance(points)[features]
-        matches = Matches(
-            self.landmarks.points[rows], points.values[features], noise, self.landmarks.covariance[rows]
+        return Matches(
+            self.landmarks.points[rows],
+            points.values[features],
+            self._covariance(points)[features],
+            self.landmarks.covariance[rows],
         )
-        return fit_pose(matches, self._rig.calibration)
 
     def _register_epoch(
-        self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"]
+        self, epoch: int, time: float, points: StereoFeatures, found: _Candidate
     ) -> EpochObservations | None:
         """Observations of an epoch whose pose is roughly known."""
         assert self.landmarks is not None
-        features, rows = self._search_landmarks(points, pose, 1.0, LossCount())
-        fit = self._fit_pose(points, features, rows)
-        pose = pose if fit is None else fit.pose
+        pose = found.pose if found.fit is None else found.fit.pose
         features, rows = self._search_landmarks(points, pose, 0.6, self._losses)
         good = self._within_gate(points, pose, features, rows)
         self._losses.lose(GLOBAL, "too far from their place", int(np.count_nonzero(~good)))
@@ -411,10 +482,13 @@ class Tracker:
         pairs = clear_pairs(similarity, options.similarity, options.ratio, losses, GLOBAL)
         return pairs[:, 0], rows[pairs[:, 1]]
 
-    def _in_view(
-        self, pose: Float[np.ndarray, " 7"]
-    ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n d"]]:
-        """Landmarks in view from a known direction, with pixels and descriptors."""
+    def _in_view(self, pose: Float[np.ndarray, " 7"]) -> _LandmarksInView:
+        """Landmarks in view from a known direction, with pixels and descriptors; of the latest pose they are kept."""
+        if self._view is None or self._view[0] is not pose or self._view[1] != self._state:
+            self._view = pose, self._state, self._find_in_view(pose)
+        return self._view[2]
+
+    def _find_in_view(self, pose: Float[np.ndarray, " 7"]) -> _LandmarksInView:
         assert self.landmarks is not None
         R, at = (
             matrix_from_quaternion(pose[3:]),
@@ -431,7 +505,7 @@ class Tracker:
         rows = np.flatnonzero(inside)
         directions = -(at[rows] / np.linalg.norm(at[rows], axis=1, keepdims=True)) @ R
         descriptors, known = self.landmarks.seen_from(rows, directions)
-        return rows[known], pixels[rows[known]], descriptors[known]
+        return _LandmarksInView(rows[known], pixels[rows[known]], descriptors[known])
 
     def _within_gate(
         self,

@@ -104,13 +104,16 @@ FEWEST_LANDMARKS: Final = 50
 MOST_LANDMARKS: Final = 800
 MOST_OBSERVATIONS: Final = 60
 """Of a landmark that are looked at: the cost grows with their third power."""
+MOST_KERNELS: Final = 2_000_000
+"""Numbers of covariances of errors that are in memory together."""
+_COEFFICIENTS: Final = 2 * (1 + len(ANGLES_DEG))
 RIDGE: Final = 1e-9
 """Share of the trace that is added to the information, as angles that no pair has would make it singular."""
 
 
 @dataclass(frozen=True)
 class LandmarkResiduals:
-    """Residuals of n observations after a fit of landmarks.
+    """Residuals of n observations after a fit of landmarks, or of n observations of each of some landmarks.
 
     Attributes
     ----------
@@ -126,32 +129,32 @@ class LandmarkResiduals:
         Of these by the landmark's position.
     """
 
-    landmark: Int[np.ndarray, " n"]
-    point: Float[np.ndarray, "n 3"]
-    rotation: Float[np.ndarray, "n 3 3"]
-    position: Float[np.ndarray, "n 3"]
-    residual: Float[np.ndarray, "n 3"]
-    jacobian: Float[np.ndarray, "n 3 3"]
+    landmark: Int[np.ndarray, "*n"]
+    point: Float[np.ndarray, "*n 3"]
+    rotation: Float[np.ndarray, "*n 3 3"]
+    position: Float[np.ndarray, "*n 3"]
+    residual: Float[np.ndarray, "*n 3"]
+    jacobian: Float[np.ndarray, "*n 3 3"]
 
-    def part(self, chosen: Bool[np.ndarray, " n"] | Int[np.ndarray, " k"]) -> "LandmarkResiduals":
-        """Some of them."""
+    def part(self, chosen: Bool[np.ndarray, " n"] | Int[np.ndarray, "*k"]) -> "LandmarkResiduals":
+        """Some of them, in the shape of their numbers."""
         return LandmarkResiduals(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @property
-    def direction(self) -> Float[np.ndarray, "n 3"]:
+    def direction(self) -> Float[np.ndarray, "*n 3"]:
         """Unit vectors from the landmarks to the camera, frame g."""
-        away = -np.einsum("nji,nj->ni", self.rotation, self.position) - self.point
-        return away / np.linalg.norm(away, axis=1, keepdims=True)
+        away = -np.einsum("...ji,...j->...i", self.rotation, self.position) - self.point
+        return away / np.linalg.norm(away, axis=-1, keepdims=True)
 
     @property
-    def by_common_motion(self) -> Float[np.ndarray, "n 3 6"]:
+    def by_common_motion(self) -> Float[np.ndarray, "*n 3 6"]:
         """Derivative of predictions by a small common motion of all poses.
 
         It is in the camera's frame: translation, then rotation about g.
         """
-        by_camera = self.jacobian @ np.swapaxes(self.rotation, 1, 2)
-        arm = np.einsum("nij,nj->ni", self.rotation, self.point)
-        return np.concatenate([by_camera, np.cross(arm[:, None], by_camera)], axis=2)
+        by_camera = self.jacobian @ np.swapaxes(self.rotation, -2, -1)
+        arm = np.einsum("...ij,...j->...i", self.rotation, self.point)
+        return np.concatenate([by_camera, np.cross(arm[..., None, :], by_camera)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -181,22 +184,41 @@ def error_correlation(residuals: LandmarkResiduals) -> ErrorCorrelation:
     groups = [rows[:MOST_OBSERVATIONS] for rows in _rows_by_landmark(residuals.landmark) if len(rows) > 1]
     if len(groups) < FEWEST_LANDMARKS:
         return ErrorCorrelation()
-    chosen = [residuals.part(rows) for rows in groups[:: -(-len(groups) // MOST_LANDMARKS)]]
+    chosen = list(_of_equal_length(residuals, groups[:: -(-len(groups) // MOST_LANDMARKS)]))
     coefficients = _error_correlation_coefficients(chosen)
     half = len(coefficients) // 2
     place, disparity = tuple(coefficients[:half].tolist()), tuple(coefficients[half:].tolist())
     return ErrorCorrelation(place, disparity, max(_inflation(chosen, coefficients), 1.0))
 
 
+def _of_equal_length(
+    residuals: LandmarkResiduals, groups: list[Int[np.ndarray, " k"]]
+) -> Iterator[LandmarkResiduals]:
+    """Residuals of landmarks with n observations each, (l, n) of them, within `MOST_KERNELS`."""
+    by_length: dict[int, list[Int[np.ndarray, " k"]]] = {}
+    for rows in groups:
+        by_length.setdefault(len(rows), []).append(rows)
+    for length, every in by_length.items():
+        most = max(MOST_KERNELS // (_COEFFICIENTS * (3 * length) ** 2), 1)
+        for begin in range(0, len(every), most):
+            yield residuals.part(np.array(every[begin : begin + most]))
+
+
 def _error_correlation_coefficients(landmarks: list[LandmarkResiduals]) -> Float[np.ndarray, " k"]:
     """Coefficients of the place, then of the disparity, by MINQUE."""
-    count = 2 * (1 + len(ANGLES_DEG))
+    count = _COEFFICIENTS
     information, squares = np.zeros((count, count)), np.zeros(count)
-    for one in landmarks:
-        left, kernels = _residual_projection(one), _kernels(one)
-        r, projected = left @ one.residual.ravel(), kernels @ left
-        information += np.einsum("kij,lji->kl", projected, projected, optimize=True)
-        squares += np.einsum("i,kij,j->k", r, kernels, r, optimize=True)
+    for some in landmarks:
+        left, kernels = _residual_projection(some), _kernels(some)
+        number, m = left.shape[:2]
+        r, projected = left @ some.residual.reshape(number, m, 1), kernels @ left[:, None]
+        # tr(P_k P_l) of all landmarks: products of the entries (i, j) of one and (j, i) of the other
+        flat, turned = (
+            each.reshape(number, count, m * m) for each in (projected, np.swapaxes(projected, -2, -1))
+        )
+        information += (flat @ np.swapaxes(turned, 1, 2)).sum(axis=0)
+        r = r[:, None]
+        squares += (np.swapaxes(r, -2, -1) @ kernels @ r)[..., 0, 0].sum(axis=0)
     information[np.diag_indices(count)] += RIDGE * np.trace(information)
     root = np.linalg.cholesky(information)
     return nnls(root.T, np.linalg.solve(root, squares))[0]
@@ -208,29 +230,34 @@ def _inflation(landmarks: list[LandmarkResiduals], coefficients: Float[np.ndarra
     That of a motion common to all poses, on the mean.
     """
     white, shared = np.zeros((6, 6)), np.zeros((6, 6))
-    for one in landmarks:
-        left = _residual_projection(one) @ one.by_common_motion.reshape(-1, 6)
-        white += left.T @ left
-        shared += left.T @ np.tensordot(coefficients, _kernels(one), 1) @ left
+    for some in landmarks:
+        projection = _residual_projection(some)
+        left = projection @ some.by_common_motion.reshape(*projection.shape[:2], 6)
+        turned, mixed = np.swapaxes(left, 1, 2), np.tensordot(_kernels(some), coefficients, axes=(1, 0))
+        white += (turned @ left).sum(axis=0)
+        shared += (turned @ mixed @ left).sum(axis=0)
     return float(np.trace(np.linalg.lstsq(white, shared, rcond=None)[0]) / 6)
 
 
-def _residual_projection(one: LandmarkResiduals) -> Float[np.ndarray, "m m"]:
-    """Projection on what a landmark's position cannot explain."""
-    Q = np.linalg.qr(one.jacobian.reshape(-1, 3))[0]
-    return np.eye(len(Q)) - Q @ Q.T
+def _residual_projection(some: LandmarkResiduals) -> Float[np.ndarray, "l m m"]:
+    """Projections on what each landmark's position cannot explain."""
+    Q = np.linalg.qr(some.jacobian.reshape(len(some.landmark), -1, 3))[0]
+    return np.eye(Q.shape[1]) - Q @ np.swapaxes(Q, 1, 2)
 
 
-def _kernels(one: LandmarkResiduals) -> Float[np.ndarray, "k m m"]:
-    """Covariances of one landmark's m = 3 n errors per unit of each coefficient: place first, then disparity."""
-    n, place, disparity = len(one.landmark), one.rotation.copy(), np.zeros((3, 3))
-    place[:, 2], disparity[2, 2] = 0.0, 1.0
-    alike = np.einsum("iac,jbc->ijab", place, place)
-    cosines = one.direction @ one.direction.T
-    within = np.array([np.eye(n, dtype=bool), *(cosines > least for least in COSINES)])
-    within[:, np.arange(n), np.arange(n)] = True
-    both = np.concatenate([within[..., None, None] * alike, within[..., None, None] * disparity])
-    return both.transpose(0, 1, 3, 2, 4).reshape(len(both), 3 * n, 3 * n)
+def _kernels(some: LandmarkResiduals) -> Float[np.ndarray, "l k m m"]:
+    """Covariances of each landmark's m = 3 n errors per unit of each coefficient: place first, then disparity."""
+    (count, n), place, disparity = some.landmark.shape, some.rotation.copy(), np.zeros((3, 3))
+    place[:, :, 2], disparity[2, 2] = 0.0, 1.0
+    rows = place.reshape(count, 3 * n, 3)
+    alike = (rows @ np.swapaxes(rows, 1, 2)).reshape(count, n, 3, n, 3)
+    cosines = some.direction @ np.swapaxes(some.direction, 1, 2)
+    same = np.broadcast_to(np.eye(n, dtype=bool), cosines.shape)
+    within = np.stack([same, *((cosines > least) | same for least in COSINES)], axis=1)[
+        :, :, :, None, :, None
+    ]
+    both = np.concatenate([within * alike[:, None], within * disparity[:, None]], axis=1)
+    return both.reshape(count, _COEFFICIENTS, 3 * n, 3 * n)
 
 
 def _rows_by_landmark(landmark: Int[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " k"]]:

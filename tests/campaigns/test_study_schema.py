@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from spinfilters.campaigns.filter_comparison import NAMES, study_file
-from spinfilters.campaigns.study_schema import study_schema
+from spinfilters.campaigns.study import study_schema
 
 Draft202012Validator = pytest.importorskip(
     "jsonschema", reason="needs jsonschema of the extra test"

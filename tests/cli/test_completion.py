@@ -6,8 +6,8 @@ import subprocess
 import pytest
 
 from spinfilters.cli.commands import COMMANDS
+from spinfilters.cli.commands.completion import SHELLS, bash_script, completed_commands, flags_of
 from spinfilters.cli.main import main
-from spinfilters.cli.shell_scripts import SHELLS, bash_script, completed_commands, flags_of
 
 
 def offered(*words: str) -> set[str]:

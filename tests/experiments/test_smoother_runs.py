@@ -11,7 +11,7 @@ from experiments.smoother_figures import bound_figure, nees_figure
 from experiments.smoother_report import batch_table, block_table, start_table
 from experiments.smoother_runs import Arrays, SmootherCase, run_batch
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.reproduction.tweddle.marginal_deviations import QUANTITIES, THESIS
+from spinfilters.reproduction.tweddle.final_deviations import QUANTITIES, THESIS
 
 FRAMES = 24
 

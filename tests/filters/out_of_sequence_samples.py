@@ -6,9 +6,8 @@ from functools import cache
 import numpy as np
 
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.ekf import InvariantEkf, MultiplicativeEkf
 from spinfilters.filters.estimator import Estimator, Measurement, ProcessModel
-from spinfilters.filters.invariant_ekf import InvariantEkf
 from spinfilters.filters.late_measurements import Outcome, OutOfSequenceUpdates
 from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline
 from spinfilters.filters.ukf import MultiplicativeUkf

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from spinfilters.evaluation.consistency import true_states
 from spinfilters.filters import timeline as loop
 from spinfilters.filters.compiled_steps import compiled_propagation
 from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.epoch_run import CompiledSpread
 from spinfilters.filters.filter import MultiplicativeFilter
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.filters.noise_levels import NoiseScale
@@ -198,3 +200,31 @@ def test_a_filter_that_changes_a_step_takes_every_epoch_by_itself() -> None:
     estimator.start(belief)
     run(estimator, timeline[0].time, timeline[1:100])
     assert estimator.steps == 99
+
+
+def spied(call: Callable[..., Any], results: list[Any]) -> Callable[..., Any]:
+    """A function whose results are kept."""
+
+    def kept(*arguments: Any) -> Any:
+        results.append(call(*arguments))
+        return results[-1]
+
+    return kept
+
+
+@needs_compiler
+@pytest.mark.parametrize("turn", [0.2, 3.0])
+def test_sigma_points_in_one_call_are_those_of_arrays(turn: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where no step of so many substeps was made before."""
+    x, factor = FULL.origin(), np.tril(0.03 * np.random.default_rng(1).standard_normal((20, 20)))
+    x[FULL.mean_slice("w")], x[FULL.mean_slice("t")] = turn * np.array([0.6, 0.0, 0.8]), [0.1, 0.2, 2.0]
+    made, calls = [], []
+    monkeypatch.setattr(CompiledSpread, "__call__", spied(CompiledSpread.__call__, calls))
+    for of in (CompiledSpread.of, lambda *_: None):
+        monkeypatch.setattr(CompiledSpread, "of", of)
+        estimator = MultiplicativeUkf(TorqueFreeProcess(FULL, ProcessNoise(), 1e-8 * turn))
+        estimator.start(Gaussian(FULL, x, factor + 0.1 * np.eye(20)))
+        made.append(estimator.linearise_process(1.0))
+    assert calls[-1] is not None
+    for compiled, reference in zip(*made, strict=True):
+        np.testing.assert_allclose(compiled, reference, rtol=1e-10, atol=1e-12)

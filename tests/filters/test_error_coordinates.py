@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from spinfilters.core.attitude_conversions import multiply, quaternion_from_rotation_vector, rotate
-from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.ekf import InvariantEkf, MultiplicativeEkf
 from spinfilters.filters.error_coordinates import CoordinateName, ErrorCoordinates, InvariantOptions
-from spinfilters.filters.invariant_ekf import InvariantEkf
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 from tests.filters.filter_samples import FULL, PROCESS, START, embedded, nees, run_on

@@ -82,6 +82,13 @@ def test_a_recording_imports_only_what_may_read_it(tmp_path: Path) -> None:
         [sys.executable, "-c", program, path], capture_output=True, text=True, check=True
     ).stdout.split()
     assert "spinfilters.io.motion_file" in loaded
-    for name in ("px4_log", "ros_bag", "array_exports", "mvnx_file", "phone_exports", "attitude_ephemeris"):
+    for name in (
+        "flight_logs",
+        "ros_bag",
+        "array_exports",
+        "mvnx_file",
+        "phone_exports",
+        "attitude_ephemeris",
+    ):
         assert f"spinfilters.io.{name}" not in loaded
     assert "spinfilters.simulation.scenario" not in loaded

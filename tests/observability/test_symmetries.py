@@ -10,8 +10,7 @@ from observability.canonical_motions import CANONICAL_MOTIONS, landmarks, point_
 from observability.certificate import Proof, certify
 from observability.coordinates import FilterChart, PrincipalChart
 from observability.exact_numbers import as_floats, rationals
-from observability.explanation import Trajectories, explained, simulate, tangent_symmetries
-from observability.named_symmetries import candidates
+from observability.explanation import Trajectories, candidates, explained, simulate, tangent_symmetries
 from observability.symmetry import State, Symmetry
 from observability.system import Input, System
 from spinfilters.models.gauge import gauge_directions

@@ -19,11 +19,16 @@ from spinfilters.evaluation.estimated_motion import BodyRates, count_flips, esti
 from spinfilters.evaluation.estimator_evaluation import evaluate
 from spinfilters.io.camera import PinholeCamera, StereoRig
 from spinfilters.plots import summary
-from spinfilters.plots.energies import energy_figure, rotational_energy
 from spinfilters.plots.scene import DrawnCamera, estimated_polhode_figure, scene_figure
 from spinfilters.plots.style import estimator_lines, save_figure
 from spinfilters.plots.summary import headline, inertia_figure, summary_figure
-from spinfilters.plots.time_courses import consistency_figure, error_bands_figure, rates_figure
+from spinfilters.plots.time_courses import (
+    consistency_figure,
+    energy_figure,
+    error_bands_figure,
+    rates_figure,
+    rotational_energy,
+)
 from spinfilters.simulation.inspector import circle
 from tests.plots.run_samples import (
     FRAMES,

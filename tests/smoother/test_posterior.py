@@ -14,8 +14,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother import posterior as posterior_module
 from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.mass_posterior import MassSampler, even_points
-from spinfilters.smoother.mass_surrogate import MassFrame
-from spinfilters.smoother.posterior import Posterior, SamplingOptions, sample_posterior
+from spinfilters.smoother.posterior import MassFrame, Posterior, SamplingOptions, sample_posterior
 from spinfilters.smoother.problem import InitialGuess
 from tests.smoother.smoothing_samples import LONG, sample, solved
 

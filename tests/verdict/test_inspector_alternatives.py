@@ -102,6 +102,22 @@ def test_a_lever_arm_moves_the_states_that_follow_it() -> None:
     np.testing.assert_allclose(left.gram(left) / scale, own.gram(own) / scale, atol=1e-5)
 
 
+def test_a_lever_arm_moves_estimates_by_all_of_its_path() -> None:
+    """With the states that its rows are relative to: else an arm of any length would seem to leave the estimates alone."""
+    motion, _ = score_tested(MOVING)
+    moved = table()["inspector-lever"].columns(motion)
+    plain = of_inspector(motion, levered_since_first)
+    assert moved is not None
+    assert plain is not None
+    found, expected = (motion.rows.sensitivity(each).states for each in (moved, plain))
+    np.testing.assert_allclose(found, expected, atol=1e-5 * float(np.abs(expected).max()))
+    place = motion.rows.problem.layout.slice("t")
+    beside = motion.rows.sensitivity(replace(moved, states=None)).states
+    assert np.abs(found[:, place]).max() > 10 * np.abs(beside[:, place]).max()
+    pair = motion.rows.sensitivity(moved.times(np.array([[1.0], [2.0], [0.0]]))).states
+    np.testing.assert_allclose(pair[:, :, 0], found[:, :, 0] + 2 * found[:, :, 1], rtol=1e-9, atol=1e-9)
+
+
 def test_the_delay_of_a_uniform_circle_is_hardly_told() -> None:
     _, circle = score_tested(replace(MOVING, inspector="circle"))
     _, sway = score_tested(MOVING)

@@ -15,12 +15,17 @@ from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import camera_deviations, read_sensor_file
 from spinfilters.simulation.image_recordings import example_rig
-from spinfilters.vision.calibration_files import stated_deviations
 from spinfilters.vision.calibration_images import Board, BoardView, board_views, image_pairs
 from spinfilters.vision.depth_map import disparity_map
 from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.rectification import RawRig, camera_text, raw_camera, read_raw_rig, write_raw_rig
-from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo, checks, measured_board
+from spinfilters.vision.stereo_calibration import (
+    StereoCalibration,
+    calibrate_stereo,
+    checks,
+    measured_board,
+    stated_deviations,
+)
 
 BOARD, SIZE = Board(7, 5, 0.03), (640, 480)
 

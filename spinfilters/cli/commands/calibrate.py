@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 def calibrate(options: CalibrateArguments) -> int:
     """Calibrate a stereo pair; write and print the result. Exit code 1 where a check fails."""
     from spinfilters.io.output_files import output_folder, refuse_foreign
-    from spinfilters.vision.calibration_files import write_calibration
     from spinfilters.vision.calibration_images import Board, board_views, image_pairs
     from spinfilters.vision.image_folder import LossCount
     from spinfilters.vision.stereo_calibration import (
@@ -25,6 +24,7 @@ def calibrate(options: CalibrateArguments) -> int:
         checks,
         determination,
         measured_board,
+        write_calibration,
     )
 
     source, folder, losses = Path(options.folder), Path(options.output), LossCount()

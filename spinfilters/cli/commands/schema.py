@@ -36,7 +36,7 @@ def _settings() -> dict[str, Any]:
 
 
 def _study() -> dict[str, Any]:
-    from spinfilters.campaigns.study_schema import study_schema
+    from spinfilters.campaigns.study import study_schema
 
     return study_schema()
 

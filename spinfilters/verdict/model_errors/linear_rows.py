@@ -85,13 +85,15 @@ class Columns:
     sensors : tuple[(r, i, m) float array, ...]
         Of every sensor without landmarks.
     steps : (k, d, m) float array
-        (k - 1, d, m).
+        (k, d, m) with k = K - 1 steps between K epochs.
     observations : (N, 3, m) float array or None
         Or None without any.
     prior : (n, m) float array
         Of the first state.
     is_measured : bool
         False where all numbers of sensors and observations are zero.
+    states : (K, d, m) float array or None
+        Moving components a of the states, less which the rows are, H - J a; None of rows as they are.
     """
 
     sensors: tuple[Float[np.ndarray, "_ _ m"], ...]
@@ -99,6 +101,7 @@ class Columns:
     observations: Float[np.ndarray, "N 3 m"] | None
     prior: Float[np.ndarray, "n m"]
     is_measured: bool = True
+    states: Float[np.ndarray, "K d m"] | None = None
 
     @property
     def count(self) -> int:
@@ -136,9 +139,9 @@ class Columns:
         """Combinations of the columns."""
         seen = None if self.observations is None else _times(self.observations, coefficients)
         sensors = tuple(_times(part, coefficients) for part in self.sensors)
-        return Columns(
-            sensors, _times(self.steps, coefficients), seen, self.prior @ coefficients, self.is_measured
-        )
+        states = None if self.states is None else _times(self.states, coefficients)
+        steps, prior = _times(self.steps, coefficients), self.prior @ coefficients
+        return Columns(sensors, steps, seen, prior, self.is_measured, states)
 
     def minus(self, other: "Columns") -> "Columns":
         """Difference."""
@@ -152,7 +155,10 @@ class Columns:
         """Some of them."""
         seen = None if self.observations is None else self.observations[:, :, columns]
         sensors = tuple(part[:, :, columns] for part in self.sensors)
-        return Columns(sensors, self.steps[:, :, columns], seen, self.prior[:, columns], self.is_measured)
+        states = None if self.states is None else self.states[:, :, columns]
+        return Columns(
+            sensors, self.steps[:, :, columns], seen, self.prior[:, columns], self.is_measured, states
+        )
 
     @classmethod
     def joined(cls, parts: "list[Columns]") -> "Columns":
@@ -165,7 +171,14 @@ class Columns:
         )
         steps = np.concatenate([each.steps for each in parts], axis=2)
         prior, measured = np.concatenate([e.prior for e in parts], axis=1), any(e.is_measured for e in parts)
-        return cls(sensors, steps, seen, prior, measured)
+        given = next((each.states for each in parts if each.states is not None), None)
+        states = None
+        if given is not None:
+            shape = given.shape[:2]
+            states = np.concatenate(
+                [np.zeros((*shape, e.count)) if e.states is None else e.states for e in parts], axis=2
+            )
+        return cls(sensors, steps, seen, prior, measured, states)
 
 
 def _times(part: Float[np.ndarray, "a b m"], coefficients: Float[np.ndarray, "m o"]) -> np.ndarray:
@@ -254,6 +267,8 @@ class LinearRows:
         ordering, solved = self.problem.ordering, self.solved(self.gradient(right))
         states = np.empty((ordering.epochs, len(ordering.order), right.count))
         states[:, ordering.moving] = solved.moving
+        if right.states is not None:
+            states[:, ordering.moving] += right.states  # P J'H = P J'(H - J a) + a
         states[:, ordering.constant] = solved.constant
         return Sensitivity(states, solved.landmarks)
 
@@ -265,7 +280,8 @@ class LinearRows:
         """H - J a of moving components a, in the place of H: the same error, for M J = 0."""
         nothing = np.zeros((len(self.problem.ordering.constant), right.count))
         landmarks = np.zeros((len(self.here.points), 3, right.count))
-        return right.minus(self._explained_rows(Gradient(states, nothing, landmarks)))
+        less = right.minus(self._explained_rows(Gradient(states, nothing, landmarks)))
+        return replace(less, states=states)
 
     @cached_property
     def prior_rows(self) -> Float[np.ndarray, "n n1"]:

@@ -1,0 +1,327 @@
+"""Texts that are no plain tables: rows of several sensors, labels with numbers, messages of ROS, and counts with factors.
+
+- Rows of several sensors: GnssLogger of Android, and the data collection of RealSense. The first cell of a row is the name of its
+  sensor. GnssLogger lists the columns of each sensor in comments, RealSense in a line above each block of rows.
+- Lines of labels with numbers, as microcontrollers print them to a serial port, perhaps after the time of each line:
+  ``12:34:05.020 -> gx:0.31 gy:1.49 gz:0.06``, and ``Rotation X: 0.31, Y: 1.49, Z: 0.06 rad/s``.
+- Messages of ROS: what ``rostopic echo`` and ``ros2 topic echo`` print, with a line of hyphens after each.
+- Logs of Gyroflow, .gcsv: whole numbers with the factors that make seconds and rad/s of them.
+"""
+
+import re
+from array import array
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from spinfilters.core.errors import InputError
+from spinfilters.io.calendar_clock import seconds_of_clock
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.input_file import (
+    MAX_TABLE_BYTES,
+    first_text,
+    parse_number,
+    path_text,
+    printable,
+    require_file,
+    require_text_table,
+    value_text,
+)
+from spinfilters.io.motion_columns import heading_of
+from spinfilters.io.motion_file import motion_dataset
+from spinfilters.io.motion_table import motion_of
+from spinfilters.io.named_columns import ArrayColumns, TextColumns
+from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions, to_state
+from spinfilters.io.table_layout import read_layout
+
+SENSORS: Final = ("Gyro", "UncalGyro", "Pose")
+"""Names of sensors that describe a motion, the first that is there being taken."""
+_BLOCK: Final = "Stream Type,"
+_COMMENT = re.compile(r"#\s*([A-Za-z]\w*),((?:\w+,){3,}\w+)\s*")
+_LONG_HEAD: Final = 1 << 16
+_MEANINGS: Final = {
+    **{f"3DOF_{axis}": f"omega_{axis}" for axis in "xyz"},
+    **{f"t_{axis}": f"p{axis}" for axis in "xyz"},
+    **{f"r_{axis}": f"q{axis}" for axis in "xyzw"},
+}
+"""Columns of RealSense: rates (rad/s), positions (m) and quaternions."""
+
+
+def has_typed_rows(path: Path) -> bool:
+    """Whether the first lines list the columns of a sensor of its own."""
+    lines = first_text(path, _LONG_HEAD).splitlines()
+    columns = [matched[1] for line in lines if (matched := _COMMENT.fullmatch(line.strip()))]
+    if any(name in SENSORS for name in columns):
+        return True
+    return any(line.startswith(_BLOCK) and "Timestamp" in line for line in lines)
+
+
+def read_typed_rows(path: Path, options: ReadingOptions) -> Dataset:
+    """Measurements of the sensor that the user states, or of the first that describes a motion."""
+    options.require_only(("topic", "unit", "clock", "rate"), "a table of several sensors")
+    require_file(path, MAX_TABLE_BYTES)
+    require_text_table(path)
+    chosen = _chosen(path, _sensors(path), options.topic)
+    columns = _columns(path, chosen)
+    stated = replace(options, topic=None)
+    return motion_dataset(path, f"{path.name}, {printable(chosen)}", motion_of(columns, stated))
+
+
+def _chosen(path: Path, sensors: Sequence[str], topic: str | None) -> str:
+    wanted = SENSORS if topic is None else (topic,)
+    chosen = next((name for name in wanted if name in sensors), None)
+    if chosen is None:
+        listed = ", ".join(map(printable, sensors[:8])) or "none"
+        raise InputError(
+            f"{path_text(path)}: has no rows of {value_text(wanted[0])}, only of {listed}; record the gyro, or give one of "
+            f"them with {to_state('topic', 'NAME')}"
+        )
+    return chosen
+
+
+def _sensors(path: Path) -> list[str]:
+    """Names of the sensors that have rows."""
+    return sorted({cells[0] for _, cells, _ in _rows(path)})
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str], tuple[str, ...]]]:
+    """Number, cells and column names of the rows, without those whose columns are listed nowhere. InputError: no UTF-8."""
+    listed: dict[str, tuple[str, ...]] = {}
+    block: tuple[str, ...] = ()
+    try:
+        with open(path, encoding="utf-8-sig") as stream:
+            for number, line in enumerate(stream, start=1):
+                text = line.strip()
+                if matched := _COMMENT.fullmatch(text):
+                    listed[matched[1]] = tuple(matched[2].split(","))
+                elif text.startswith(_BLOCK):
+                    block = tuple(text.split(",")[1:]) if "Timestamp" in text else ()
+                elif text and not text.startswith("#"):
+                    cells = text.split(",")
+                    names = listed.get(cells[0], block)
+                    if names:
+                        yield number, cells, names
+    except UnicodeDecodeError:
+        raise InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text") from None
+
+
+def _columns(path: Path, sensor: str) -> ArrayColumns:
+    """Columns of the rows of a sensor. InputError: a row with another number of cells, or with a word for a number."""
+    numbers, first = array("d"), None
+    for number, cells, names in _rows(path):
+        if cells[0] != sensor:
+            continue
+        if first is None:
+            first = names
+        if len(cells) - 1 != len(first) or names != first:
+            raise InputError(
+                f"{path_text(path)}: line {number}: has {len(cells)} cells, expected {len(first) + 1}; correct or delete the line"
+            )
+        try:
+            numbers.extend([parse_number(cell) if cell.strip() else np.nan for cell in cells[1:]])
+        except ValueError as error:
+            raise InputError(
+                f"{path_text(path)}: line {number}: {error}; correct or delete the line"
+            ) from None
+    first = first or ()
+    table = np.frombuffer(numbers, dtype=np.float64).reshape(-1, max(len(first), 1))
+    return ArrayColumns(path, tuple(_MEANINGS.get(name, name) for name in first), tuple(table.T))
+
+
+_HEAD: Final = 1 << 14
+_FEWEST: Final = 3
+"""Labels of a line that is one of measurements."""
+_LABEL = r"([A-Za-z_][A-Za-z0-9_. \[\]]{0,39}?)"
+_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_UNIT = r"((?:m?rad|m?deg|°)/s(?:ec)?|m?dps|m/s\^?2|m/s/s|[mun]?s|m?g)"
+_PAIR = re.compile(rf"{_LABEL}\s*[:=]\s*{_NUMBER}(?![\d:])(?:\s*{_UNIT}(?![A-Za-z:=]))?")
+"""Label, number and perhaps unit."""
+_GROUP = re.compile(
+    rf"([A-Za-z]\w{{0,20}}) \(([^()]{{1,6}})\) \[\s*{_NUMBER}\s*,\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\]"
+)
+"""Label, unit and three numbers, as examples of SparkFun print them: Gyr (DPS) [ 00000.85, -00013.67, 00001.09 ]."""
+
+
+class _Line(NamedTuple):
+    """Time of a line, s, None where it has none; labels with their units, and numbers."""
+
+    time: float | None
+    labels: tuple[str, ...]
+    numbers: tuple[float, ...]
+
+
+def has_labelled_lines(path: Path) -> bool:
+    """Whether at least half of the first lines have three labels with numbers."""
+    held = [line for line in first_text(path, _HEAD).splitlines() if line.strip()][:40]
+    return 2 * sum(len(_PAIR.findall(_in_pairs(line))) >= _FEWEST for line in held) >= max(len(held), 1)
+
+
+def read_labelled_lines(path: Path, options: ReadingOptions) -> Dataset:
+    """Rates of the lines that have some."""
+    options.require_only(("unit", "clock", "rate"), "a log of a serial port")
+    require_file(path, MAX_TABLE_BYTES)
+    require_text_table(path)
+    lines = [line for line in _lines(path) if len(line.labels) >= _FEWEST]
+    kinds = Counter((line.labels, line.time is not None) for line in lines)
+    rates = [kind for kind, _ in kinds.most_common() if _has_rate(kind[0])]
+    if not rates:
+        raise InputError(
+            f"{path_text(path)}: no line has body rates about x, y and z; print them as gx:0.1 gy:0.2 gz:0.3"
+        )
+    labels, is_timed = rates[0]
+    chosen = [line for line in lines if line.labels == labels and (line.time is not None) == is_timed]
+    columns = dict(zip(labels, np.array([line.numbers for line in chosen]).T, strict=True))
+    if is_timed:
+        columns = {"time (s)": np.array([line.time for line in chosen], dtype=np.float64), **columns}
+    source = ArrayColumns(path, tuple(columns), tuple(columns.values()))
+    return motion_dataset(path, path.name, motion_of(source, options))
+
+
+def _has_rate(labels: tuple[str, ...]) -> bool:
+    headings = [heading_of(label) for label in labels]
+    return {each.axis for each in headings if each is not None and each.quantity == "rate"} == set("xyz")
+
+
+def _lines(path: Path) -> list[_Line]:
+    """All lines with labels. InputError: no UTF-8."""
+    try:
+        with open(path, encoding="utf-8-sig") as stream:
+            return [_line(text) for text in stream]
+    except UnicodeDecodeError:
+        raise InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text") from None
+
+
+def _in_pairs(text: str) -> str:
+    """A line whose groups of three numbers are three labels with a number and a unit each."""
+    return _GROUP.sub(
+        lambda group: ", ".join(
+            f"{group[1]} {axis}: {number} {group[2].lower()}"
+            for axis, number in zip("xyz", group.groups()[2:], strict=True)
+        ),
+        text,
+    )
+
+
+def _line(text: str) -> _Line:
+    """A line's time, labels and numbers: an axis alone belongs to the label before, and a unit to all of its label."""
+    text = _in_pairs(text)
+    pairs = list(_PAIR.finditer(text))
+    names, group = [], ""
+    for pair in pairs:
+        name = pair[1].strip()
+        if len(name) == 1 and name.lower() in "xyz" and group:
+            name = f"{group} {name}"
+        elif len(name) > 2 and name[-2] in " _." and name[-1].lower() in "xyz":
+            group = name[:-2]
+        names.append(name)
+    units = [pair[3] or "" for pair in pairs]
+    for k in reversed(range(len(pairs) - 1)):
+        if not units[k] and names[k][:-1] == names[k + 1][:-1]:
+            units[k] = units[k + 1]
+    labels = tuple(f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True))
+    front = text[: pairs[0].start()] if pairs else ""
+    time = seconds_of_clock(front.strip().removesuffix("->").rstrip(" ,;]").lstrip("[").strip())
+    return _Line(time, labels, tuple(float(pair[2]) for pair in pairs))
+
+
+_FIELD = re.compile(r"( *)([A-Za-z_]\w{0,60}):\s*(.*?)\s*")
+_DEEPEST: Final = 8
+
+
+def has_echoed_messages(path: Path) -> bool:
+    """Whether a text begins with the header of a message, and a line of hyphens follows."""
+    lines = [line.strip() for line in first_text(path, _HEAD).splitlines()]
+    return lines[:1] == ["header:"] and "---" in lines
+
+
+def read_echoed_messages(path: Path, options: ReadingOptions) -> Dataset:
+    """Motion of all whole messages of one type: rates of Imu and TwistStamped, poses of PoseStamped and Odometry."""
+    options.require_only((), "a text of rostopic echo")
+    require_text_table(path)
+    messages = list(_messages(path))
+    names = [name for name in messages[0] if all(name in message for message in messages)]
+    columns = {name: np.array([message[name] for message in messages]) for name in names}
+    if not any(name.startswith("pose.") for name in names):  # of TwistStamped, in axes of the body
+        columns = {name.replace("twist.angular.", "angular_velocity."): c for name, c in columns.items()}
+    source = ArrayColumns(path, tuple(columns), tuple(columns.values()))
+    return motion_dataset(path, path.name, motion_of(source, options))
+
+
+def _messages(path: Path) -> Iterator[dict[str, float]]:
+    """Numbers of each message by their path with dots, such as header.stamp.sec; the last only if a line of hyphens ends it.
+
+    InputError: no UTF-8, or nested too deep.
+    """
+    message: dict[str, float] = {}
+    above: list[tuple[int, str]] = []
+    try:
+        with open(path, encoding="utf-8-sig") as stream:
+            for number, line in enumerate(stream, start=1):
+                if line.strip() == "---":
+                    if message:
+                        yield message
+                    message, above = {}, []
+                elif matched := _FIELD.fullmatch(line.rstrip()):
+                    indent = len(matched[1])
+                    above = [(depth, name) for depth, name in above if depth < indent]
+                    if len(above) > _DEEPEST:
+                        raise InputError(
+                            f"{path_text(path)}: line {number}: is nested too deep; record a stamped message"
+                        )
+                    try:
+                        message[".".join([*(name for _, name in above), matched[2]])] = float(matched[3])
+                    except ValueError:  # a text, a list, or the name of what is below
+                        above.append((indent, matched[2]))
+    except UnicodeDecodeError:
+        raise InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text") from None
+
+
+_COLUMNS: Final = ("t", "gx", "gy", "gz")
+
+
+def read_gyroflow(path: Path, options: ReadingOptions) -> Dataset:
+    """Rates of a log, by tscale (s) and gscale (rad/s) of its counts. InputError: no factors, or axes of a left hand."""
+    options.require_only((), "a log of Gyroflow")
+    cells = (line.partition(",") for line in first_text(path, _LONG_HEAD).splitlines())
+    stated = {name.strip(): value.strip() for name, _, value in cells}
+    second, rate = (_factor(path, name, stated.get(name, "")) for name in ("tscale", "gscale"))
+    _require_right_handed(path, stated.get("orientation", "XYZ"))
+    source = TextColumns(path, read_layout(path))
+    missing = [name for name in _COLUMNS if name not in source.names]
+    if missing:
+        raise InputError(f"{path_text(path)}: has no column {', '.join(missing)}; log the gyro")
+    table = source.read([source.names.index(name) for name in _COLUMNS], keys=1)
+    columns = (table.values[:, 0] * second, *(table.values[:, 1:] * rate).T)
+    names = ("time (s)", *(f"gyro_{axis} (rad/s)" for axis in "xyz"))
+    return motion_dataset(path, path.name, motion_of(ArrayColumns(path, names, columns), NOTHING_STATED))
+
+
+def _factor(path: Path, name: str, text: str) -> float:
+    """A positive factor of the head. InputError: none."""
+    try:
+        value = parse_number(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < 1e9:
+        raise InputError(
+            f"{path_text(path)}: {name} is {value_text(text)}; state the factor that makes SI units of the counts"
+        )
+    return value
+
+
+def _require_right_handed(path: Path, orientation: str) -> None:
+    """Raise InputError for letters, small ones for axes that point the other way, that are no rotation of x, y and z."""
+    letters = orientation.lower()
+    order = ["xyz".find(letter) for letter in letters]
+    if sorted(order) == [0, 1, 2]:
+        is_even = order in ([0, 1, 2], [1, 2, 0], [2, 0, 1])
+        turned = sum(letter.islower() for letter in orientation)
+        if is_even == (turned % 2 == 0):
+            return
+    raise InputError(
+        f"{path_text(path)}: orientation is {value_text(orientation)}, no rotation of right-handed axes; correct it, as in YxZ"
+    )
