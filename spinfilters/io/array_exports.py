@@ -371,7 +371,12 @@ def _json(path: Path, options: ReadingOptions) -> ArrayColumns:
     table = chosen_table(path, document, options)
     names = options.column_names
     if names:
-        unnamed = {table.place: np.array(list(table.columns.values()), dtype=np.float64).T}
+        try:
+            unnamed = {table.place: np.array(list(table.columns.values()), dtype=np.float64).T}
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(
+                f"{path_text(path)}: not all its columns are numbers, so that none can be named by its place; leave columns out"
+            ) from None
         return replace(_stated_columns(path, unnamed, names), rate=table.rate)
     has_seconds = "seconds_elapsed" in table.columns
     columns = {

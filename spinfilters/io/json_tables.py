@@ -311,7 +311,7 @@ def _samples(rows: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
     counts = [len(row.get(packed[0]) or ()) for row in plain]
     try:
         times = [float(row[clock]) for row in plain]
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         return rows
     found: list[dict[str, Any]] = []
     for k, (row, count) in enumerate(zip(plain, counts, strict=True)):
@@ -322,11 +322,12 @@ def _samples(rows: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
     return found or rows
 
 
-def _unnested(row: Mapping[str, Any]) -> dict[str, Any]:
+def _unnested(row: Mapping[str, Any], depth: int = 0) -> dict[str, Any]:
     """A row with the values of the objects in it by their own names."""
     flat: dict[str, Any] = {}
     for key, value in row.items():
-        flat |= _unnested(value) if isinstance(value, dict) else {key: value}
+        is_object = isinstance(value, dict) and depth < _DEEPEST
+        flat |= _unnested(value, depth + 1) if is_object else {key: value}
     return flat
 
 

@@ -35,6 +35,8 @@ def read_opensim_table(path: Path, options: ReadingOptions) -> Dataset:
         for k, line in enumerate(lines[end + 2 :], start=end + 3)
         if line.strip()
     ]
+    if not rows:
+        raise InputError(f"{path_text(path)}: has no rows of orientations; export it again")
     table = np.array(rows, dtype=np.float64).T
     names = ("time (s)", *(f"{body}_q{axis}" for body in bodies for axis in "wxyz"))
     return motion_dataset(path, path.name, motion_of(ArrayColumns(path, names, tuple(table)), options))

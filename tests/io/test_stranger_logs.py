@@ -256,6 +256,24 @@ REFUSED: tuple[tuple[Callable[[Path], Path], str], ...] = (
 )
 
 
+def deep(folder: Path) -> Path:
+    inner = '{"a":' * 400 + "1" + "}" * 400
+    return document(
+        folder, f'[{{"t": 1{"0" * 400}, "gx": [1, 2], "b": {inner}}}, {{"t": 2, "gx": [1, 2], "b": 1}}]'
+    )
+
+
+@pytest.mark.parametrize(
+    "make", [deep, lambda folder: text(folder / "a.sto", "DataType=Quaternion\nendheader\ntime a\n \n", [])]
+)
+def test_a_deep_or_empty_log_is_refused_in_one_line(make: Callable[[Path], Path], tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        spinfilters.load(make(tmp_path))
+    rows = document(tmp_path, [{"t": k, "name": "a", "x": k} for k in range(3)])
+    with pytest.raises(InputError, match="not all its columns are numbers"):
+        spinfilters.load(rows, columns="t,x,y")
+
+
 @pytest.mark.parametrize(("make", "why"), REFUSED)
 def test_what_a_stranger_wrote_otherwise_is_refused_in_one_line(
     make: Callable[[Path], Path], why: str, tmp_path: Path
