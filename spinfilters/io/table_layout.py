@@ -198,6 +198,10 @@ def _stated_rate(path: Path, layout: TableLayout) -> float | None:
     return rate if 0.0 < rate <= SAMPLING_RATE.largest else None
 
 
+_OPENROCKET: Final = re.compile(r"# Event \w+ occurred at t=|# \d+ data points written for \d+ variables")
+"""Comments of the exports of OpenRocket."""
+
+
 def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayout:
     """Layout of a table in this encoding. InputError: see `read_layout`."""
     # no cell is known before the header is found, so that delimiters alone leave a line empty
@@ -207,6 +211,11 @@ def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayo
     for number, raw in data_lines(path, replace(preamble, comments=())):
         if number > PREAMBLE_LINES:
             break
+        if _OPENROCKET.match(raw):
+            raise InputError(
+                f"{path_text(path)}: the pitch and yaw rates of OpenRocket are about axes of the air flow, which do not "
+                "turn with the body; log the body's own rates with a listener"
+            )
         if line := preamble.content(raw):
             held.append(_NumberedLine(number, line))
         elif not any(_is_numbers(each) for _, each in held):
