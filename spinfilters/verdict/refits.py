@@ -282,13 +282,15 @@ HINGE_STEPS: Final = 3
 
 
 def with_hinge_refit(models: TestedModels, motion: DoubtedMotion) -> TestedModels:
-    """Score tests with that of a hinge from a fit, where it explains more than its score promises.
+    """Score tests with that of a hinge from a fit, where a flywheel alone, which is fitted, explains more than a hinge's score.
 
-    A flywheel is fitted, and would be named for a hinge whose score is of first order about a motion that the hinge has bent. None
-    of a spin about one axis, which does not distinguish a hinge from slow torques, nor where a hinge is the likeliest already.
+    The score is of first order about a motion that the hinge has bent. None where another error is named beside a flywheel, whose
+    own score falls short as well, nor of a spin about one axis, which does not distinguish a hinge from slow torques.
     """
-    linear = models.test_of(HINGE)
-    if linear is None or models.tests[0] is linear:
+    linear, classes = models.test_of(HINGE), models.classes
+    others = [each for own in classes[1:] for each in own]
+    is_between = bool(classes) and classes[0][0].error is FLYWHEEL and (not others or linear in others)
+    if linear is None or not is_between:
         return models
     try:
         with np.errstate(all="ignore"):
