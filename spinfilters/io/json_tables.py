@@ -37,7 +37,6 @@ _RATES: Final = (
     "samplingfrequency",
     "frequency",
     "hz",
-    "rate",
     "odr",
 )
 _ORDER: Final = re.compile(r"\s*\(([xyz]),([xyz]),([xyz])\)\s*$", re.IGNORECASE)

@@ -74,11 +74,10 @@ _TOPIC: Final = re.compile(
 """Path of a topic in front of the fields of its messages."""
 _OTHER: Final = re.compile(r"bias|cov|std|setpoint|desired|cmd|command|goal|target_|ref")
 """Within the path of a topic of what is not measured."""
-_FROM_ONE: Final = re.compile(r"(.*?)(?::\d+)?(?:\(([1-4])\)|_([1-4])(?=$|\s*[(\[]))(.*)")
-"""A component counted from 1, as MATLAB does: omega(1), omega:1(1) of the Simulation Data Inspector, and omega_1 of its tables."""
-_RATES_FROM_ONE: Final = re.compile(
-    r"(omega|wb?|ang(?:ular)?_?vel(?:ocity)?)([1-3])(\s*[(\[].*)?", re.IGNORECASE
-)
+_FROM_ONE: Final = re.compile(r"(.*?)(?::\d+)?(?:\(([1-4])\)|(?<=[A-Za-z]{4})_([1-4])(?=$|\s*[(\[]))(.*)")
+"""A component counted from 1, as MATLAB does: omega(1), omega:1(1) of the Simulation Data Inspector, and omega_1 of its
+tables; w_1 may be a wheel."""
+_RATES_FROM_ONE: Final = re.compile(r"(omega|ang(?:ular)?_?vel(?:ocity)?)([1-3])(\s*[(\[].*)?", re.IGNORECASE)
 _EULER_PARAMETERS: Final = ("e0", "e1", "e2", "e3")
 """Of which the first is the scalar."""
 _MRP_PLACES: Final = {"mrp_0": "mrp_x", "mrp_1": "mrp_y", "mrp_2": "mrp_z"}
@@ -163,6 +162,10 @@ def _of_devices(names: Sequence[str], found: list[str]) -> list[str]:
     if "current_time_step" in names:  # Isaac Sim, scalar first
         scalar_first = {f"orientation[{k}]": f"q{axis}" for k, axis in enumerate("wxyz")}
         found = [scalar_first.get(name.rpartition(".")[2], name) for name in found]
+    if {"xquat[0]", "xpos_x"} <= set(names):  # MuJoCo's pose of a body, scalar first
+        meanings = {f"xquat[{k}]": f"q{axis}" for k, axis in enumerate("wxyz")}
+        meanings |= {f"xpos_{axis}": f"p{axis}" for axis in "xyz"}
+        found = [meanings.get(name, name) for name in found]
     if any(name.startswith(_CRAZYFLIE) for name in names):
         found = [f"{name} (deg/s)" if name in ("gyro.x", "gyro.y", "gyro.z") else name for name in found]
     if any(_GMAT_CLOCK.match(name) for name in names):  # vector first

@@ -92,6 +92,7 @@ _NUMBERED: Final[tuple[Quantity, ...]] = ("rate", "acceleration")
 _PREFIX = re.compile(r"field|data|imu|sensor|msg|motion|value|mpu|icm|bno|lsm|bmi|device|phone|body")
 """Word before a quantity that says whose it is."""
 _OF_BODY = re.compile(r"b|bf|body|bodyframe|frd|flu")
+_OF_BODY_AT_LENGTH = re.compile(r"body|bodyframe|frd|flu")
 """Word behind a quantity that says in whose axes it is: omega_b_x; of others, such as omega_i_x, it is no body rate."""
 _NOT_MOTION = re.compile(r"std|cov|bias|raw|uncal|magn|setpoint|desired|temp|sum|abs|norm")
 """Beginning of a word of columns that are no measured component."""
@@ -141,7 +142,10 @@ def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
     clock = _time(words, unit)
     while len(words) > 1 and _PREFIX.fullmatch(words[0]):
         words = words[1:]
-    words = [word for k, word in enumerate(words) if not k or not _OF_BODY.fullmatch(word)]
+    behind = (
+        _OF_BODY if words[0].startswith(("w", "om", "ang")) else _OF_BODY_AT_LENGTH
+    )  # gyro_b may be a bias
+    words = [word for k, word in enumerate(words) if not k or not behind.fullmatch(word)]
     return clock or _component(words, unit, bare)
 
 
@@ -355,7 +359,7 @@ _RATE_END: Final = re.compile(
 )
 """A rate behind the name of what it is of."""
 _NOT_OF_BODY: Final = re.compile(
-    r"world|inertial|global|spatial|earth|root|eci|ned|enu|bias|std|cov|raw|uncal|temp|norm|setpoint|desired|cmd|command|goal|target|ref|err|noise",
+    r"world|inertial|global|spatial|earth|root|eci|ned|enu|lvlh|orbit|rel|wheel|motor|rotor|joint|gimbal|rw|bias|std|cov|raw|uncal|temp|norm|setpoint|desired|cmd|command|goal|target|ref|err|noise",
     re.IGNORECASE,
 )
 """Words before a rate that is in other axes, or that was not measured."""

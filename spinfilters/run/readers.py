@@ -529,7 +529,7 @@ class MotionFileReader(StatedReader):
 
     def recognises(self, path: Path) -> bool:
         """Whether a file is a single table, by suffix and name, and not a part of a data set folder."""
-        if not is_file_named(path, (".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".data")):
+        if not is_file_named(path, (".csv", ".tsv", ".tab", ".txt", ".dat", ".asc", ".log", ".data")):
             return False
         from spinfilters.io.motion_file import is_motion_file
 

@@ -519,7 +519,8 @@ def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> SampledMass | No
     sampler = MassSampler(problem)
     nodes = sampler.ridge(smoothed.mean)
     found = sampler.sample(nodes, SAMPLES, 0)
-    if found is None:
+    # without a density anywhere, as of a trajectory that is no solution, nothing is known of its form
+    if found is None or not np.isfinite(found.weights.shape):
         return None
     points, weights = found.points, found.weights.weights
     shape, nees = (

@@ -293,6 +293,25 @@ def timeseries(folder: Path) -> Path:
     return folder / "t.mat"
 
 
+def german(folder: Path) -> Path:
+    head = "catman\nSample rate: 50 Hz\nZeit [s];Drehrate X [°/s];Drehrate Y [°/s];Drehrate Z [°/s]\n"
+    rows = [[f"{v:.6f}".replace(".", ",") for v in (t, *w)] for t, w in zip(TIME, DEGREES, strict=True)]
+    return text(folder / "c.asc", head, rows, ";")
+
+
+def mujoco(folder: Path) -> Path:
+    np.savez(folder / "m.npz", time=TIME, xquat=WXYZ, xpos=PLACE)
+    return folder / "m.npz"
+
+
+def adams(unit: str) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        head = f"A\tFile: Last_Run\n\tTime\tWX\tWY\tWZ\n\t(sec)\t{unit}\t{unit}\t{unit}\n"
+        return text(folder / "a.tab", head, zip(TIME, *DEGREES.T, strict=True), "\t")
+
+    return make
+
+
 UNUSUAL: dict[str, Callable[[Path], Path]] = {
     "host and node": vendor(
         "HostTimestamp,NodeTimestamp,X (dps),Y (dps),Z (dps)",
@@ -305,6 +324,9 @@ UNUSUAL: dict[str, Callable[[Path], Path]] = {
     "a source in front": vendor(
         "t,probe_angular_velocity_x,probe_angular_velocity_y,probe_angular_velocity_z", TIME, RATES
     ),
+    "a preamble and decimal commas": german,
+    "units of Adams": adams("(deg/sec)"),
+    "MuJoCo": mujoco,
     "Foxglove": foxglove,
     "a timeseries": timeseries,
 }
@@ -315,8 +337,24 @@ def test_a_table_of_unusual_names_is_read_as_it_is(case: str, tmp_path: Path) ->
     require_motion(spinfilters.load(UNUSUAL[case](tmp_path)))
 
 
-@pytest.mark.parametrize("whose", ["world", "target", "root"])
-def test_a_rate_in_other_axes_or_a_wish_is_no_body_rate(whose: str, tmp_path: Path) -> None:
-    head = ",".join(["t", *(f"{whose}_angular_velocity_{axis}" for axis in "xyz")])
+OTHER_RATES = (
+    "world_angular_velocity_x",
+    "target_angular_velocity_x",
+    "wheel_omega_x",
+    "gyro_b_x",
+    "w_x1",
+    "omega_i_x",
+)
+
+
+@pytest.mark.parametrize("first", [*OTHER_RATES, "w1", "w_1"])
+def test_a_rate_in_other_axes_or_of_something_else_is_no_body_rate(first: str, tmp_path: Path) -> None:
+    own = [first.replace("x", axis).replace("1", number) for axis, number in zip("xyz", "123", strict=True)]
+    head = ",".join(["t", *own])
     with pytest.raises(InputError, match="no body rate"):
         spinfilters.load(vendor(head, TIME, RATES)(tmp_path))
+
+
+def test_a_unit_below_the_names_that_is_unknown_is_not_left_out(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no unit known here"):
+        spinfilters.load(adams("(gradians/s)")(tmp_path))
