@@ -519,7 +519,8 @@ def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> SampledMass | No
     sampler = MassSampler(problem)
     nodes = sampler.ridge(smoothed.mean)
     found = sampler.sample(nodes, SAMPLES, 0)
-    if found is None:
+    # an infinite shape: no sample has a density, or too few for a tail, which says nothing of the posterior's form
+    if found is None or not np.isfinite(found.weights.shape):
         return None
     points, weights = found.points, found.weights.weights
     shape, nees = (
