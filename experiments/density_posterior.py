@@ -1,6 +1,6 @@
 """Deviations of throws that integrate over what is not known of the disturbances' densities, compared with the stated ones.
 
-    python -m experiments.density_posterior [--seeds 12] [--first 0] [--disturbance 0]
+    python -m experiments.density_posterior [--seeds 12] [--first 0] [--disturbance 0] [--poses]
 
 The throws of `experiments.captured_throws` only bound the densities of force and torque. The smoother takes each at its posterior
 mean. Here the marginal likelihood of each is evaluated at levels from e^-8 to e^7 of the most likely one, times a prior that is
@@ -10,6 +10,8 @@ freedom of the last epoch and the largest error in deviations, of the smoother's
 - as stated;
 - of the mixture over the levels, E P + var x;
 - widened along its own axes until four deviations are exceeded with the probability 3e-4 over the levels.
+
+With ``--poses`` the same of the pose recordings that `spinfilters calibration pose` draws with these seeds.
 """
 
 import argparse
@@ -24,6 +26,7 @@ from scipy.special import ndtr
 
 from experiments.captured_throws import drawn
 from experiments.command_line import run_study
+from spinfilters.campaigns.calibration_draws import drawn_scenario
 from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR, quantity_errors
 from spinfilters.filters.history import EstimateHistory
@@ -156,10 +159,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seeds", type=int, default=12)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--disturbance", type=float, default=0.0, help="true density of force and torque")
+    parser.add_argument("--poses", action="store_true", help="drawn poses instead of throws")
     options = parser.parse_args(arguments)
     settings, nees, largest = Settings(estimators=("smoother",)), [], []
     for seed in range(options.first, options.first + options.seeds):
-        setup = prepare(without_noise(simulate(drawn(seed, options.disturbance))), settings)
+        scenario = drawn_scenario("pose", seed) if options.poses else drawn(seed, options.disturbance)
+        setup = prepare(without_noise(simulate(scenario)), settings)
         history = smooth_at_once(setup, settings, lambda *_: None)
         own = []
         for P in covariances_of(history, setup):
@@ -169,7 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         largest.append([max(float(v[-1]) for v in quantity_errors(each).values()) for each in own])
     for name, mean, most in zip(WAYS, np.mean(nees, axis=0), np.max(largest, axis=0), strict=True):
         print(
-            f"{name:8s} NEES per degree of freedom {mean:.2f}, largest error {most:.1f} deviations of {len(nees)} throws"
+            f"{name:8s} NEES per degree of freedom {mean:.2f}, largest error {most:.1f} deviations of {len(nees)} recordings"
         )
 
 

@@ -3,6 +3,8 @@
 import gc
 import os
 import signal
+import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -41,6 +43,15 @@ SHORT_ANIMATIONS = {"api", "cli", "docs", "live"}
 """Rooms that ask whether an animation is there; what its frames show is asked where figures are."""
 OF_PROCESSES = {"campaigns/test_dask_cluster.py"}
 """Files that compare numbers with those of other processes, which sample in full."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Further processes share the byte code of modules, also where it is not written beside them."""
+    if sys.dont_write_bytecode and "PYTHONPYCACHEPREFIX" not in os.environ:
+        folder = tempfile.TemporaryDirectory(prefix="spinfilters-bytecode-")
+        config.add_cleanup(folder.cleanup)
+        os.environ["PYTHONPYCACHEPREFIX"] = folder.name
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 def pytest_collection_finish() -> None:

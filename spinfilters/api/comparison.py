@@ -19,8 +19,6 @@ from rich.console import Console, RenderableType
 from spinfilters.api.arguments import RunArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
-from spinfilters.api.labelled_arrays import labelled_arrays, write_netcdf
-from spinfilters.api.recordings import load
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import ComparisonCells, comparison_cells, comparison_table
 from spinfilters.evaluation.estimated_motion import (
@@ -45,9 +43,7 @@ from spinfilters.io.argument_checks import (
     text,
 )
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import has_images
 from spinfilters.io.input_file import path_text, value_text
-from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
 from spinfilters.io.stated_values import ReadingOptions
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
@@ -60,10 +56,6 @@ from spinfilters.run.comparison_run import (
     write_comparison,
 )
 from spinfilters.run.estimation import Comparison, Progress
-from spinfilters.run.mcap_file import write_mcap
-from spinfilters.run.readers import dataset_readers
-from spinfilters.run.reference_output import chosen_reference
-from spinfilters.run.rerun_file import write_rrd
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
 from spinfilters.run.run_summary import SUMMARY_FILE, interval_document, read_summary, summary
 from spinfilters.settings.run_settings import Settings, names_in, read_settings
@@ -86,6 +78,8 @@ a folder."""
 
 
 def _suffixes_of_readers() -> frozenset[str]:
+    from spinfilters.run.readers import dataset_readers
+
     return frozenset(suffix for reader in dataset_readers() for suffix in reader.suffixes)
 
 
@@ -342,12 +336,19 @@ class Run(Mapping[str, EstimatorResult]):
                 "folder without a suffix"
             )
         if suffix == ".nc":
+            from spinfilters.api.labelled_arrays import write_netcdf
+
             write_netcdf(Path(folder), self._evaluations)
             return Path(folder)
         if suffix == ".mcap":
+            from spinfilters.run.mcap_file import write_mcap
+
             write_mcap(Path(folder), self._evaluations)
             return Path(folder)
         if suffix == ".rrd":
+            from spinfilters.io.dataset_reader import has_images
+            from spinfilters.run.rerun_file import write_rrd
+
             maps = {each.name: each.landmarks for each in self.values() if each.landmarks is not None}
             source = self.dataset.path
             images = source if source is not None and has_images(source) else None
@@ -388,6 +389,8 @@ class Run(Mapping[str, EstimatorResult]):
         ImportError
             xarray is not installed.
         """
+        from spinfilters.api.labelled_arrays import labelled_arrays
+
         return labelled_arrays(self._evaluations)
 
     def __str__(self) -> str:
@@ -602,6 +605,8 @@ def compare(
     )
     optional_outputs = how.optional_outputs
     if reference is not None:
+        from spinfilters.run.reference_output import chosen_reference
+
         compared = chosen_reference(reference, reference_inspector, tuple(reference_shares))
         optional_outputs = with_reference(optional_outputs, compared)
     if output is None:
@@ -714,6 +719,9 @@ def given_dataset(data: Any, segment: int | str | None, **reading: Any) -> Datas
         What is of no use for a data set.
     """
     if not isinstance(data, Dataset):
+        from spinfilters.api.recordings import load
+        from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
+
         if not is_path(data) and not is_table(data):
             refuse("data", data, WHAT_TO_GIVE)
         return load(data, segment, **reading)

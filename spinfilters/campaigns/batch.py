@@ -245,9 +245,8 @@ def _evaluations(
 
 def _rows_after_first(before: np.ndarray | None, values: np.ndarray) -> np.ndarray:
     """Rows of each run with its first belief in place of the first, which counts nothing."""
-    if before is None:
-        before = np.zeros_like(values[:, :1])
-    return np.concatenate([before, values[:, 1:]], axis=1)
+    values[:, :1] = 0 if before is None else before
+    return values
 
 
 def _history(

@@ -251,7 +251,15 @@ def stated_components(evaluation: Evaluation) -> dict[str, list[StatedComponent]
             below = float(history.mass.weights @ (history.mass.principal_moments[:, k] < true[k]))
             found[MOMENTS][k] = replace(found[MOMENTS][k], sampled_rank=below)
     turn = turn_of_axes(body.principal_axes_g, truth.principal_axes_g[order])
-    found[AXES] = _components(turn, weights, each[AXES])
+    if history.mass is None:
+        found[AXES] = _components(turn, weights, each[AXES])
+    else:
+        found[AXES] = _components(turn, np.ones(1), np.tile(body.principal_axes_std, (2, 1)))
+        beyond = history.mass.weights @ (history.mass.turns(body.principal_axes_g) > turn)
+        for k, rank in enumerate(
+            beyond.tolist()
+        ):  # a turn is truth minus estimate, so that its rank is from above
+            found[AXES][k] = replace(found[AXES][k], sampled_rank=rank)
     return found
 
 

@@ -7,7 +7,7 @@ the study has not) are kept in a file of their own, ``.damaged``, and their runs
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -47,9 +47,9 @@ class RowRules:
     levels: Sequence[Mapping[str, str]] = ()
 
     @cached_property
-    def _kinds(self) -> dict[str, pa.DataType]:
-        """Types of the columns by name, which a schema makes anew each time that it is asked."""
-        return {each.name: each.type for each in self.schema}
+    def _tests(self) -> dict[str, Callable[[object], bool]]:
+        """Whether Arrow takes a value of JSON as that of a column without changing it, by the column's name."""
+        return {each.name: _test_of(each.type) for each in self.schema}
 
     def is_row(self, row: object) -> bool:
         """Whether it is a mapping of known columns to values of their types, of a run that the study can have."""
@@ -58,8 +58,10 @@ class RowRules:
         numbers: list[Any] = [row.get(name) for name in ("run", "cell", "seed")]
         if any(type(number) is not int or number < 0 for number in numbers):
             return False
-        kinds = self._kinds
-        if not all(name in kinds and _is_of_type(value, kinds[name]) for name, value in row.items()):
+        tests = self._tests
+        if not all(
+            value is None or tests[name](value) if name in tests else False for name, value in row.items()
+        ):
             return False
         return self._is_of_study(row, *numbers)
 
@@ -80,19 +82,32 @@ class RowRules:
         return table if kept.all() else table.filter(pa.array(kept))
 
 
-def _is_of_type(value: object, kind: pa.DataType) -> bool:
+def _test_of(kind: pa.DataType) -> Callable[[object], bool]:
     """Whether Arrow takes a value of JSON as this type without changing it."""
-    if value is None:
-        return True
     if pa.types.is_string(kind):
-        return isinstance(value, str) and not any("\ud800" <= letter <= "\udfff" for letter in value)
+        return _is_text
     if pa.types.is_boolean(kind):
-        return isinstance(value, bool)
+        return lambda value: isinstance(value, bool)
     if pa.types.is_int64(kind):
-        return type(value) is int and abs(value) <= _LARGEST_WHOLE
-    if pa.types.is_list(kind):
-        return isinstance(value, list) and all(_is_of_type(each, pa.float64()) for each in value)
+        return lambda value: type(value) is int and abs(value) <= _LARGEST_WHOLE
+    return _are_numbers if pa.types.is_list(kind) else _is_number
+
+
+def _is_text(value: object) -> bool:
+    """Half of a pair of surrogates is no letter."""
+    if not isinstance(value, str):
+        return False
+    return value.isascii() or not any("\ud800" <= letter <= "\udfff" for letter in value)
+
+
+def _is_number(value: object) -> bool:
     return isinstance(value, float) or (type(value) is int and abs(value) <= 2**53)
+
+
+def _are_numbers(value: object) -> bool:
+    return isinstance(value, list) and all(
+        type(each) is float or each is None or _is_number(each) for each in value
+    )
 
 
 def read_journal(path: Path, rules: RowRules) -> tuple[list[dict[str, Any]], list[bytes]]:

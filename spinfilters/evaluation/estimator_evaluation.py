@@ -117,7 +117,7 @@ def deviation_parts(history: EstimateHistory) -> dict[str, DeviationPart]:
 
 INTERVAL_LEVELS: Final = (0.5, 0.8, 0.95)
 """Probabilities of stated intervals."""
-OF_MASS: Final = ("principal_moments", "k1", "k2")
+OF_MASS: Final = ("principal_moments", "principal_axes_rad", "k1", "k2")
 """Quantities that samples of the mass distribution give, where there are any."""
 
 
@@ -130,8 +130,8 @@ def stated_intervals(history: EstimateHistory) -> dict[str, Float[np.ndarray, "p
     Returns
     -------
     dict or None
-        Rows at `INTERVAL_LEVELS`; None where one Gaussian says it. Moments that were sampled are left out
-        (`BodyEstimate.principal_moments_interval`).
+        Rows at `INTERVAL_LEVELS`; None where one Gaussian says it. Moments and axes that were sampled are left
+        out (`BodyEstimate.principal_moments_interval`).
     """
     mixture = history.mixture
     if mixture is None or history.has_failed:
@@ -313,11 +313,16 @@ class Evaluation:
 
     @cached_property
     def body(self) -> BodyEstimate:
-        """The body after the last epoch; its moments are means over samples of their posterior where that was sampled."""
+        """The body after the last epoch; moments and axes are means over samples of their posterior where that was sampled.
+
+        Samples are of white noise: where errors may be correlated, axes keep the deviations of the wider belief.
+        """
         body, mass = body_estimate(self.history.belief(-1)), self.history.mass
         # An estimate that ended without numbers has no mass distribution, whatever was sampled before.
         has_numbers = bool(np.isfinite(body.principal_moments_std).all())
-        return body if mass is None or not has_numbers else mass.body(body)
+        if mass is None or not has_numbers:
+            return body
+        return mass.body(body, 0.0 if self.history.mixture is None else body.principal_axes_std)
 
     @property
     def moment_texts(self) -> list[str]:

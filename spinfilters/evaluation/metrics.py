@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
+from functools import cached_property
 from operator import attrgetter
 from typing import Any, Final
 
@@ -121,17 +122,17 @@ class Metric:
     of_epochs: bool = False
     null: bool = True
 
-    @property
+    @cached_property
     def leaf(self) -> str:
         """The last part of its key."""
         return self.key.rpartition(".")[2]
 
-    @property
+    @cached_property
     def column_name(self) -> str:
         """Its column in a campaign's rows, "" for none."""
         return self.leaf if self.column is None else self.column
 
-    @property
+    @cached_property
     def bound_column(self) -> str:
         """Column of its bound, "" for none."""
         own = self.column_name

@@ -63,7 +63,8 @@ class EstimateHistory:
         Error of every epoch by each independent error of the calibration, times its deviation; counted in ``factor``. None
         where the calibration is exact.
     mass : MassSamples or None
-        Samples of the mass distribution after the last epoch where its posterior is not Gaussian; moments are then theirs.
+        Samples of the mass distribution after the last epoch where one direction is hardly determined; moments and axes
+        are then theirs.
     posterior : StateMixture or None
         Posterior of the last epoch, of an estimator that samples it.
     mixture : ErrorMixture or None

@@ -22,11 +22,11 @@ from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import StateLayout
-from spinfilters.models.status import AXES, EstimatorStatus, Finding, Verdict
+from spinfilters.models.status import BODY, EstimatorStatus, Finding, Verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, BatchSmoothing, smooth_problem, smooth_recording
 from spinfilters.smoother.closed_form import InitialMotion, initial_motion
-from spinfilters.smoother.mass_posterior import sampled_mass
+from spinfilters.smoother.mass_posterior import SampledMass, sampled_mass
 from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.smoother.problem import InitialGuess, Problem, problem_of
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
@@ -196,25 +196,31 @@ def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Estim
 def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> EstimateHistory:
     """`smooth_at_once`, with samples of the mass distribution where one direction of it is hardly determined.
 
-    Its moments are then the mean of the marginal posterior. Where the Gaussian belief is no proposal for that, the status says so.
+    Moments and axes are then those of the marginal posterior. Where that is not Gaussian, deviations of the motion cover it, too.
     """
     smoothed = _smoothed_at_once(setup, settings, on_epoch)
     history, begin = smoothed.history, working_seconds()
-    mass = None
+    found = None
     with suppress(*NUMERICAL_ERRORS):
-        mass = sampled_mass(smoothed.problem, smoothed.found)
+        found = sampled_mass(smoothed.problem, smoothed.found)
     seconds = working_seconds() - begin
-    if mass is None:
+    if found is None:
         return history
-    return with_samples(replace(history, runtime=history.runtime + seconds / len(history.time)), mass)
+    return _with_samples(replace(history, runtime=history.runtime + seconds / len(history.time)), found)
 
 
-def with_samples(history: EstimateHistory, mass: MassSamples) -> EstimateHistory:
-    """The history with samples of the mass distribution; its status says where a Gaussian is no proposal for them."""
-    status = history.status
-    if not (mass.gaussian_shape < LARGEST_SHAPE and mass.gaussian_nees <= LARGEST_SAMPLED_NEES):
-        status = status.doubted(_not_gaussian(mass))
-    return replace(history, mass=mass, status=status)
+def _with_samples(history: EstimateHistory, found: SampledMass) -> EstimateHistory:
+    """The history with samples of the mass distribution.
+
+    Where their weights cannot be relied upon it stays as it is, and its status says so if a Gaussian does not describe them either.
+    """
+    mass = found.mass
+    is_gaussian = mass.gaussian_shape < LARGEST_SHAPE and mass.gaussian_nees <= LARGEST_SAMPLED_NEES
+    if not mass.shape < LARGEST_SHAPE:
+        return history if is_gaussian else replace(history, status=history.status.doubted(_not_sampled(mass)))
+    if is_gaussian:
+        return replace(history, mass=mass)
+    return replace(history, mass=mass, factor=history.factor * found.widening[..., np.newaxis])
 
 
 POSTERIOR = "posterior"
@@ -267,16 +273,16 @@ def smoothed_problem(setup: Setup, settings: Settings) -> tuple[Problem, BatchSm
     return smoothed.problem, smoothed.found
 
 
-def _not_gaussian(mass: MassSamples) -> Finding:
-    """The finding that a Gaussian does not describe the posterior of the mass distribution."""
+def _not_sampled(mass: MassSamples) -> Finding:
+    """The finding that neither a Gaussian nor samples describe the posterior of the mass distribution."""
     return Finding(
         NOT_GAUSSIAN,
         f"the posterior of the moments is not Gaussian (Pareto shape {mass.gaussian_shape:.2g}, limit {LARGEST_SHAPE:g}; NEES of "
-        f"its samples {mass.gaussian_nees:.2g}, limit {LARGEST_SAMPLED_NEES:g}): mean and interval of the moments are those of its "
-        "samples, axes those of its mode",
+        f"its samples {mass.gaussian_nees:.2g}, limit {LARGEST_SAMPLED_NEES:g}), and samples along its ridge do not represent it "
+        f"(Pareto shape {mass.shape:.2g})",
         "record a motion that wobbles",
-        {"shape": mass.gaussian_shape, "nees": mass.gaussian_nees},
-        frozenset({AXES}),
+        {"shape": mass.gaussian_shape, "nees": mass.gaussian_nees, "samples": mass.shape},
+        BODY,
     )
 
 

@@ -1,6 +1,5 @@
 """Recordings that programs save as arrays: NumPy .npz, MATLAB .mat, HDF5, Parquet, and JSON of Sensor Logger."""
 
-import json
 import math
 import re
 import struct
@@ -8,7 +7,9 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +26,9 @@ from spinfilters.io.input_file import (
     require_file,
     value_text,
 )
+from spinfilters.io.json_tables import chosen_table, parsed_json
 from spinfilters.io.memory_tables import array_columns
+from spinfilters.io.motion_columns import heading_of
 from spinfilters.io.motion_file import bare_quantity, motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
@@ -45,13 +48,14 @@ _SENSORS: Final = ("gyroscope", "gyroscopeuncalibrated", "gyro", "imu")
 def read_array_export(path: Path, options: ReadingOptions) -> Dataset:
     """Data set of the arrays that describe a motion."""
     suffix, names = path.suffix.lower(), options.column_names
-    has_names = suffix in (".parquet", ".pq", ".json")
-    options.require_only(("unit", "clock", "rate", *([] if has_names else ["columns"])), "a file of arrays")
+    has_names = suffix in (".parquet", ".pq")
+    is_json = suffix == ".json"
+    taken = ("unit", "clock", "rate", *([] if has_names else ["columns"]), *(["topic"] if is_json else []))
+    options.require_only(taken, "a file of arrays")
     require_file(path, LARGEST)
-    columns, bare = _READERS[suffix](path, names), bare_quantity(path)
-    if suffix == ".json" or names:
-        bare = "rate"
-    return motion_dataset(path, path.name, motion_of(columns, options, bare))
+    columns = _json(path, options) if is_json else _READERS[suffix](path, names)
+    bare = "rate" if is_json or names else bare_quantity(path)
+    return motion_dataset(path, path.name, motion_of(columns, replace(options, topic=None), bare))
 
 
 def _npz(path: Path, stated: Sequence[str]) -> ArrayColumns:
@@ -111,6 +115,9 @@ def _mat(path: Path, stated: Sequence[str]) -> ArrayColumns:
                 raise ValueError("a variable stands twice")
             _require_size(path, sum(8 * math.prod(shape) for _, shape, _ in variables))
             held = loadmat(path, simplify_cells=True)
+        variables = _modelica(held)
+    if variables is not None:
+        return array_columns(variables, path)
     return _columns_of(path, _by_last_name(_flat(held)), stated)
 
 
@@ -272,12 +279,50 @@ def _flat(held: Mapping[str, Any], before: str = "") -> dict[str, np.ndarray]:
     for name, value in held.items():
         if name.startswith("__"):
             continue
-        if isinstance(value, dict) and before.count(".") < _DEEPEST_GROUP:
+        if name == "signals" and (signals := _signals(value)):  # a structure with time of Simulink
+            found |= {f"{before}{label}": values for label, values in signals.items()}
+        elif isinstance(value, dict) and before.count(".") < _DEEPEST_GROUP:
             found |= _flat(value, f"{before}{name}.")
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-            found[f"{before}{name}".removesuffix(".signals.values")] = (
-                value  # a structure with time of Simulink
+            whole = f"{before}{name}".removesuffix(".signals.values")  # a structure with time of Simulink
+            found[whole.removesuffix(".Data") if "Time" in held else whole] = (
+                value  # a timeseries as a structure
             )
+    return found
+
+
+def _signals(value: Any) -> dict[str, np.ndarray]:
+    """Values of the signals of Simulink by their labels, of those that have one."""
+    signals = list(value) if isinstance(value, list | np.ndarray) else [value]
+    return {
+        each["label"].strip("<>"): np.asarray(each["values"])
+        for each in signals
+        if isinstance(each, dict)
+        and isinstance(each.get("label"), str)
+        and each["label"]
+        and "values" in each
+    }
+
+
+def _modelica(held: Mapping[str, Any]) -> dict[str, np.ndarray] | None:
+    """Variables over time in a result of Modelica, by their names; None of another .mat.
+
+    Column k of ``dataInfo`` says of variable k in which array it is, and in which row of that. Rows count from 1, and a minus
+    says that the variable has the other sign. Array 2 holds what varies; its row 1 is the time.
+    """
+    if not {"Aclass", "name", "dataInfo", "data_2"} <= held.keys():
+        return None
+    names, info, data = held["name"], np.asarray(held["dataInfo"]), np.asarray(held["data_2"])
+    if str(np.ravel(held["Aclass"])[-1]).strip() == "binNormal":  # all arrays are kept the other way round
+        info, data = info.T, data.T
+    else:
+        width = max(map(len, names), default=0)  # letters of a name stand below one another
+        names = ["".join(row[k] for row in names if k < len(row)) for k in range(width)]
+    found = {}
+    for k, name in enumerate(names):
+        block, place = int(info[0, k]), int(info[1, k])
+        if block in (0, 2) and 1 <= abs(place) <= len(data):
+            found[name.strip()] = np.sign(place) * data[abs(place) - 1]
     return found
 
 
@@ -317,29 +362,41 @@ def _is_number(kind: str) -> bool:
     return kind.startswith(("int", "uint", "float", "halffloat", "double", "timestamp", "date", "duration"))
 
 
-def _json(path: Path, _stated: Sequence[str]) -> ArrayColumns:
-    """Rows of a JSON list of objects, those of the gyro where they say which sensor they are of; or columns by name."""
-    try:
-        document = json.loads(read_bytes(path, LARGEST_JSON))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path_text(path)}: is not JSON ({reason(error)}); export it again") from None
-    if isinstance(document, dict):
-        if isinstance(document.get("payload"), dict):
-            return _edge_impulse(path, document["payload"])
-        return _columns_of(path, {name: v for name, v in document.items() if isinstance(v, list)})
+def _json(path: Path, options: ReadingOptions) -> ArrayColumns:
+    """Columns of a JSON document, of rows of several sensors those of the gyro."""
+    document = parsed_json(path, read_bytes(path, LARGEST_JSON))
+    if isinstance(document, dict) and isinstance(document.get("payload"), dict):
+        return _edge_impulse(path, document["payload"])
+    document = _of_gyro(path, document)
+    table = chosen_table(path, document, options)
+    names = options.column_names
+    if names:
+        try:
+            unnamed = {table.place: np.array(list(table.columns.values()), dtype=np.float64).T}
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(
+                f"{path_text(path)}: not all its columns are numbers, so that none can be named by its place; leave columns out"
+            ) from None
+        return replace(_stated_columns(path, unnamed, names), rate=table.rate)
+    has_seconds = "seconds_elapsed" in table.columns
+    columns = {
+        name: np.array(values, dtype=object)
+        for name, values in table.columns.items()
+        if not (has_seconds and name == "time")
+    }
+    return replace(array_columns(columns, path), rate=table.rate)
+
+
+def _of_gyro(path: Path, document: Any) -> Any:
+    """A document, of a list of rows that name their sensor those of the gyro. InputError: rows of other sensors alone."""
     if not isinstance(document, list) or not all(isinstance(row, dict) for row in document):
-        raise InputError(f"{path_text(path)}: is no list of rows with names; export a table")
+        return document
     kinds = [printable(str(row.get("sensor", ""))).lower() for row in document]
     chosen = next((name for name in _SENSORS if name in kinds), None)
     if chosen is None and any(kinds):
         seen = ", ".join(sorted({kind for kind in kinds if kind})[:6])
         raise InputError(f"{path_text(path)}: holds {value_text(seen)} and no Gyroscope; export that sensor")
-    rows = [_flat_row(row) for row, kind in zip(document, kinds, strict=True) if chosen in (None, kind)]
-    names = [name for name in (rows[0] if rows else {}) if name != "sensor"]
-    has_seconds = "seconds_elapsed" in names
-    names = [name for name in names if not (has_seconds and name == "time")]
-    columns = {name: np.array([row.get(name) for row in rows], dtype=object) for name in names}
-    return array_columns(columns, path)
+    return [row for row, kind in zip(document, kinds, strict=True) if chosen in (None, kind)]
 
 
 def _edge_impulse(path: Path, payload: Mapping[str, Any]) -> ArrayColumns:
@@ -355,17 +412,6 @@ def _edge_impulse(path: Path, payload: Mapping[str, Any]) -> ArrayColumns:
     return array_columns({"time (s)": time, **dict(zip(names, values.T, strict=True))}, path)
 
 
-def _flat_row(row: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """A row whose objects are its values by name, such as rotationRate.x."""
-    flat: dict[str, Any] = {}
-    for name, value in row.items():
-        if isinstance(value, dict) and before.count(".") < _DEEPEST_GROUP:
-            flat |= _flat_row(value, f"{before}{name}.")
-        else:
-            flat[f"{before}{name}"] = value
-    return flat
-
-
 def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = ()) -> ArrayColumns:
     """Named columns of the arrays that are as long as the commonest; three columns of one array are its x, y, z.
 
@@ -379,9 +425,9 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
     InputError
         No array of numbers; none or several that have the stated columns; one array whose columns have no names.
     """
-    tables = {name: np.asarray(held) for name, held in arrays.items() if np.ndim(held) == 2} if stated else {}
     if stated:
-        return _stated_columns(path, tables, stated)
+        tables = {name: np.asarray(held) for name, held in arrays.items() if np.ndim(held) == 2}
+        return _stated_columns(path, tables, stated, _clocks_of(arrays))
     if (
         len(arrays) == 1
         and (shape := np.shape(next(iter(arrays.values()))))
@@ -418,12 +464,45 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
         raise InputError(
             f"{path_text(path)}: holds no arrays of numbers; save a clock and body rates, or poses"
         )
+    headings = [heading_of(name) for name in columns]
+    unnamed = next(
+        (np.shape(held) for held in arrays.values() if np.ndim(held) == 2 and min(np.shape(held)) > 4), None
+    )
+    if unnamed is not None and all(
+        heading is not None and heading.quantity == "time" for heading in headings
+    ):
+        raise InputError(
+            f"{path_text(path)}: does not say what the {min(unnamed)} numbers of each sample are; give "
+            f"{to_state('columns', 'qw,qx,qy,qz,px,py,pz,-')}, with - for those to leave out"
+        )
     commonest = max(set(lengths), key=lambda n: (lengths.count(n), n))
     return array_columns({k: column for k, column in columns.items() if len(column) == commonest}, path)
 
 
-def _stated_columns(path: Path, tables: Mapping[str, np.ndarray], stated: Sequence[str]) -> ArrayColumns:
-    """The columns, or rows, of the one array that has as many as names are stated. InputError: none or several have."""
+def _clocks_of(arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Arrays of one column that are called as clocks are."""
+    found = {}
+    for name, held in arrays.items():
+        heading = heading_of(name)
+        if (
+            heading is not None
+            and heading.quantity == "time"
+            and np.size(held) == max(np.shape(held), default=0)
+        ):
+            found[name] = np.ravel(held)
+    return found
+
+
+def _stated_columns(
+    path: Path,
+    tables: Mapping[str, np.ndarray],
+    stated: Sequence[str],
+    clocks: Mapping[str, np.ndarray] = MappingProxyType({}),
+) -> ArrayColumns:
+    """The columns, or rows, of the one array that has as many as names are stated, with a clock of as many rows beside it.
+
+    InputError: none or several have.
+    """
     fitting = {
         name: array if array.shape[1] == len(stated) else array.T
         for name, array in tables.items()
@@ -436,6 +515,9 @@ def _stated_columns(path: Path, tables: Mapping[str, np.ndarray], stated: Sequen
         )
     (array,) = fitting.values()
     kept = {name: column for name, column in zip(stated, array.T, strict=True) if name != "-"}
+    named = [heading_of(name) for name in kept]
+    if not any(heading is not None and heading.quantity == "time" for heading in named):
+        kept |= {name: clock for name, clock in clocks.items() if len(clock) == len(array)}
     return array_columns(kept, path)
 
 
@@ -455,6 +537,5 @@ _READERS: Final = {
     ".hdf5": _hdf5,
     ".parquet": _parquet,
     ".pq": _parquet,
-    ".json": _json,
 }
 """By suffix."""

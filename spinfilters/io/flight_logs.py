@@ -31,6 +31,7 @@ TOPICS: Final = (
     "vehicle_angular_velocity",
     "sensor_combined",
     "sensor_gyro",
+    "vehicle_imu",
     "vehicle_visual_odometry",
     "vehicle_attitude",
 )

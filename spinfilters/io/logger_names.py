@@ -1,6 +1,7 @@
 """Names that known loggers give to columns, in the words by which headings are parsed."""
 
 import re
+import unicodedata
 from collections.abc import Sequence
 from typing import Final
 
@@ -17,6 +18,12 @@ _SPELLED: Final = (
     (re.compile(r"^GPS TOW$"), "time (s)"),
     (re.compile(r"^([xyz])-axis\b(.*)$"), r"\1\2"),  # MetaWear
     (re.compile(r"^\w+\.(?:UTC|TAI|TT|A1|TDB)Gregorian$"), "time"),  # GMAT
+    (re.compile(r"^\w+\.(?:UTC|TAI|TT|A1|TDB)ModJulian$"), "time (days)"),
+    (re.compile(r"^(?:Time[ _(]*)?(?:M?JD|J(?:ulian)?[ _]?Date)\)?$", re.IGNORECASE), "time (days)"),
+    (re.compile(r"^sigma_BN(?:_?\[?([012xyz])\]?)$"), r"mrp_\1"),  # Basilisk
+    (re.compile(r"^(?:.*\.)?ArrayGyro\.([xyz])$"), r"gyro_\1 (deg/s)"),  # Movesense
+    (re.compile(r"^(?:.*\.)?ArrayAcc\.([xyz])$"), r"acc_\1 (m/s^2)"),
+    (re.compile(r"^cts$"), "time (ms)"),  # GoPro
     (re.compile(r"^(?:.*:)?scaledGyro([XYZ])$"), r"omega_\1"),  # MicroStrain's SensorConnect, rad/s
     (re.compile(r"^(?:.*:)?scaledAccel([XYZ])$"), r"acc_\1 (g)"),
     (re.compile(r"^(?:Uncal)?Gyro([XYZ])RadPerSec$"), r"gyro_\1 (rad/s)"),  # GnssLogger
@@ -67,8 +74,17 @@ _TOPIC: Final = re.compile(
 """Path of a topic in front of the fields of its messages."""
 _OTHER: Final = re.compile(r"bias|cov|std|setpoint|desired|cmd|command|goal|target_|ref")
 """Within the path of a topic of what is not measured."""
-_FROM_ONE: Final = re.compile(r"(.*?)(?::\d+)?\(([1-4])\)(.*)")
-"""A component counted from 1, as MATLAB does: omega(1), and omega:1(1) of the Simulation Data Inspector."""
+_FROM_ONE: Final = re.compile(r"(.*?)(?::\d+)?(?:\(([1-4])\)|(?<=[A-Za-z]{4})_([1-4])(?=$|\s*[(\[]))(.*)")
+"""A component counted from 1, as MATLAB does: omega(1), omega:1(1) of the Simulation Data Inspector, and omega_1 of its
+tables; w_1 may be a wheel."""
+_RATES_FROM_ONE: Final = re.compile(r"(omega|ang(?:ular)?_?vel(?:ocity)?)([1-3])(\s*[(\[].*)?", re.IGNORECASE)
+_EULER_PARAMETERS: Final = ("e0", "e1", "e2", "e3")
+"""Of which the first is the scalar."""
+_MRP_PLACES: Final = {"mrp_0": "mrp_x", "mrp_1": "mrp_y", "mrp_2": "mrp_z"}
+GOPRO_ORDER: Final = "zxy"
+"""Order of the components of GoPro cameras, ORIO of their format, where they state no other."""
+_GOPRO: Final = re.compile(r"(.*?)\s*(?:\(([xyz]),([xyz]),([xyz])\))?\s*(\[[^\[\]]*\])", re.IGNORECASE)
+"""Name of a vector whose other two components are called 1 and 2, with their order and unit."""
 _CRAZYFLIE: Final = ("stabilizer.", "stateEstimate.", "kalman.", "pm.vbat", "baro.asl")
 """Groups of the log of a Crazyflie, whose gyro is in deg/s."""
 _MAVLINK: Final = ("xgyro", "ygyro", "zgyro")
@@ -87,7 +103,8 @@ def understood_names(names: Sequence[str]) -> list[str]:
     ):  # PlotJuggler's clock; its other names are paths of topics, and stamps within their messages
         names = ["" if "/stamp" in name else name.lstrip("/").replace("/", ".") for name in names]
         names = [name if _OTHER.search(name) else _TOPIC.sub("", name) for name in names]
-    found = [_without_frames(name) for name in names]
+    names = [_plainly_spelled(name) for name in _of_gopro(names)]
+    found = [_MRP_PLACES.get(each, each) for each in map(_without_frames, names)]
     bare = {_plain(name): k for k, name in enumerate(found)}
     if set(_VICON) <= set(bare):
         for name, meaning in _VICON.items():
@@ -95,6 +112,9 @@ def understood_names(names: Sequence[str]) -> list[str]:
     if set("wxyz") <= set(bare):  # not rates about x, y and z
         for axis in "wxyz":
             found[bare[axis]] = f"q{axis}"
+    if set(_EULER_PARAMETERS) <= set(bare):
+        for name, axis in zip(_EULER_PARAMETERS, "wxyz", strict=True):
+            found[bare[name]] = f"q{axis}"
     if {"q0", "qx", "qy", "qz"} <= set(bare) and "qw" not in bare:  # the others show that it is the scalar
         found[bare["q0"]] = "qw"
     if set(_CALENDAR) <= set(bare):  # parts of a date, none of which is a clock alone
@@ -139,10 +159,39 @@ def _of_devices(names: Sequence[str], found: list[str]) -> list[str]:
     ):  # of HIGHRES_IMU and HIL_SENSOR in rad/s, of SCALED_IMU in mrad/s; of RAW_IMU in counts
         unit = "rad/s" if "abs_pressure" in names else "mrad/s" if "time_boot_ms" in names else ""
         found = [f"{name} ({unit})" if unit and name in _MAVLINK else name for name in found]
+    if "current_time_step" in names:  # Isaac Sim, scalar first
+        scalar_first = {f"orientation[{k}]": f"q{axis}" for k, axis in enumerate("wxyz")}
+        found = [scalar_first.get(name.rpartition(".")[2], name) for name in found]
+    if {"xquat[0]", "xpos_x"} <= set(names):  # MuJoCo's pose of a body, scalar first
+        meanings = {f"xquat[{k}]": f"q{axis}" for k, axis in enumerate("wxyz")}
+        meanings |= {f"xpos_{axis}": f"p{axis}" for axis in "xyz"}
+        found = [meanings.get(name, name) for name in found]
     if any(name.startswith(_CRAZYFLIE) for name in names):
         found = [f"{name} (deg/s)" if name in ("gyro.x", "gyro.y", "gyro.z") else name for name in found]
     if any(_GMAT_CLOCK.match(name) for name in names):  # vector first
         found = [re.sub(r"^\w+\.Q([1-4])$", lambda index: "q" + "xyzw"[int(index[1]) - 1], n) for n in found]
+    return found
+
+
+def _plainly_spelled(name: str) -> str:
+    """A name in plain letters and digits, without that of the time of which it is a function: omega_1 of an omega with a low 1."""
+    plain = name if name.isascii() else name.replace("ω", "omega").replace("Ω", "omega")
+    if plain.endswith("(t)"):
+        plain = unicodedata.normalize("NFKC", plain).removesuffix("(t)")
+    elif any(digit in plain for digit in "₁₂₃"):
+        plain = unicodedata.normalize("NFKC", plain)
+    numbered = _RATES_FROM_ONE.fullmatch(plain.strip())
+    return f"{numbered[1]}_{numbered[2]}{numbered[3] or ''}" if numbered is not None else plain
+
+
+def _of_gopro(names: Sequence[str]) -> Sequence[str]:
+    """Names of which a vector that is followed by 1 and 2, as in tables of GoPro cameras, is called by its axes."""
+    found = list(names)
+    for k in range(len(names) - 2):
+        matched = _GOPRO.fullmatch(names[k].strip())
+        if matched is not None and [name.strip() for name in names[k + 1 : k + 3]] == ["1", "2"]:
+            order = [matched[each] or axis for each, axis in zip((2, 3, 4), GOPRO_ORDER, strict=True)]
+            found[k : k + 3] = [f"{matched[1]}_{axis.lower()} {matched[5]}" for axis in order]
     return found
 
 
@@ -152,9 +201,9 @@ def _counted_from_one(names: Sequence[str]) -> list[str]:
     matched = [(k, parts) for k, name in enumerate(names) if (parts := _FROM_ONE.fullmatch(name.strip()))]
     for stem in dict.fromkeys(parts[1] for _, parts in matched):
         own = [(k, parts) for k, parts in matched if parts[1] == stem]
-        if [parts[2] for _, parts in own] == ["1", "2", "3"]:
+        if [parts[2] or parts[3] for _, parts in own] == ["1", "2", "3"]:
             for (k, parts), axis in zip(own, "xyz", strict=True):
-                found[k] = f"{stem}_{axis}{parts[3]}"
+                found[k] = f"{stem}_{axis}{parts[4]}"
     return found
 
 

@@ -1,7 +1,7 @@
 """Columns of motion tables by their names: quantity, axis and unit of each."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
@@ -9,9 +9,9 @@ from typing import Final, Literal, NamedTuple
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.logger_names import understood_names
-from spinfilters.io.stated_values import LENGTH_UNITS, RATE_UNITS, ReadingOptions, to_state
+from spinfilters.io.stated_values import CLOCK_UNITS, LENGTH_UNITS, RATE_UNITS, ReadingOptions, to_state
 
-Quantity = Literal["time", "rate", "acceleration", "position", "quaternion", "matrix"]
+Quantity = Literal["time", "rate", "acceleration", "position", "quaternion", "matrix", "mrp"]
 
 TICKS: Final = "ticks"
 """Unit of the clock of Xsens: 100 us in its inertial units, 1 us in its Dots; see `spinfilters.io.motion_table`."""
@@ -20,14 +20,30 @@ TIME_UNITS: Final[dict[str, str]] = {
     **dict.fromkeys(("ms", "msec", "millis", "millisec", "milliseconds"), "ms"),
     **dict.fromkeys(("us", "usec", "µs", "μs", "micros", "microsec", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecs", "nanoseconds"), "ns"),
+    "days": "days",
+    "minutes": "min",
+    "hours": "h",
     "xsensticks": TICKS,
 }
 """Unit of time by its spelling."""
+_BRACKETED_TIME = {**TIME_UNITS, "d": "days", "day": "days", "min": "min", "h": "h", "hr": "h", "hrs": "h"}
+"""Also those that say something else without brackets."""
+SECONDS: Final[dict[str, float]] = {**CLOCK_UNITS, "min": 60.0, "h": 3600.0, "days": 86400.0}
+"""Seconds in a unit of time, also in those that no user states."""
 _RATE_UNITS = {
-    **dict.fromkeys(("rad/s", "rads", "radps", "radpers", "rads-1", "rads^-1", "1/s", "s-1"), "rad/s"),
+    **dict.fromkeys(
+        (
+            *("rad/s", "rads", "radps", "radpers", "rads-1", "rads^-1", "rads⁻¹", "1/s", "s-1", "s^-1"),
+            *("radians/s", "radian/s", "radianspers", "radianperss", "radianpers"),
+        ),
+        "rad/s",
+    ),
     **dict.fromkeys(("mrad/s", "mradps", "mrads"), "mrad/s"),
     **dict.fromkeys(
-        ("deg/s", "degs", "d/s", "dps", "degps", "degrees/s", "degree/s", "°/s", "degpers", "degreespers"),
+        (
+            *("deg/s", "degs", "d/s", "dps", "degps", "degrees/s", "degree/s", "°/s", "º/s", "degpers"),
+            *("degreespers", "degreepers", "°pers", "degs-1", "degs^-1", "°s-1", "°s^-1", "°s⁻¹", "grad/s"),
+        ),
         "deg/s",
     ),
     **dict.fromkeys(("mdps", "mdeg/s"), "mdeg/s"),
@@ -43,17 +59,23 @@ _LENGTH_UNITS = {"m": "m", "mm": "mm", "cm": "cm"}
 _BRACKETS = re.compile(r"\s*[(\[{]\s*([^()\[\]{}]*?)\s*[)\]}]\s*$")
 _TIME_WORD = re.compile(
     r"(?:t|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
-    r"system|local|sample|monotonic|field|start|in|realtime)"
+    r"system|local|sample|monotonic|field|start|in|realtime|tout|"
+    r"zeit|temps|tiempo|tempo)"
 )
+_WHOSE_CLOCK = re.compile(
+    r"current|rtc|simulation|sim|host|node|log|packet|capture|message|msg|receive|received|publish|published"
+)
+"""Words that say whose time it is, and alone are no clock."""
 _LATE_WORD = re.compile(r"datetime|date|utc|gregorian|utime|unixtime|startup|offset|real|recording")
 """Words that say a time too, of columns that are a clock where no other is."""
 _SOURCE = re.compile(r"^.*:(?=[^:]*[A-Za-z][^:]*$)")
 """What a column is of, in front of its name: IMU_ATTI(0):gyroX."""
 _INDEXED = re.compile(r"(.*?)[\[_.]?([012])\]?$")
-_SI_RATE = r"wb?|om(?:ega)?|rates?|bodyrates?|ang(?:ular)?rates?|ang(?:ular)?vel(?:ocity)?"
+_SI_RATE = r"wb?|om(?:ega)?|rates?|bodyrates?|ang(?:ular)?rates?|ang(?:ular)?vel(?:ocity|ocities)?"
 _STEMS: Final[dict[Quantity, re.Pattern[str]]] = {
     "rate": re.compile(
         _SI_RATE
+        + r"|rot(?:ational)?vel(?:ocity)?|rot(?:ational)?rates?|imugyro|gyros|gyro(?:scope)?data"
         + r"|avel|g|gyr|gyro(?:scope|meter)?|rotationrate|gyrorotation(?:rate)?|gyroadc|gyroscaled|gyrofilt(?:ered)?|calgyro"
     ),
     "acceleration": re.compile(
@@ -69,6 +91,9 @@ _STEMS: Final[dict[Quantity, re.Pattern[str]]] = {
 _NUMBERED: Final[tuple[Quantity, ...]] = ("rate", "acceleration")
 _PREFIX = re.compile(r"field|data|imu|sensor|msg|motion|value|mpu|icm|bno|lsm|bmi|device|phone|body")
 """Word before a quantity that says whose it is."""
+_OF_BODY = re.compile(r"b|bf|body|bodyframe|frd|flu")
+_OF_BODY_AT_LENGTH = re.compile(r"body|bodyframe|frd|flu")
+"""Word behind a quantity that says in whose axes it is: omega_b_x; of others, such as omega_i_x, it is no body rate."""
 _NOT_MOTION = re.compile(r"std|cov|bias|raw|uncal|magn|setpoint|desired|temp|sum|abs|norm")
 """Beginning of a word of columns that are no measured component."""
 
@@ -112,11 +137,15 @@ def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
         return None  # phones call so what is left without gravity; ROS spells the accelerometer with an underscore
     if not words or any(_NOT_MOTION.match(word) for word in (*words, *_words(text))):
         return None
-    if len(words) == 2 and words[0] == "matrix" and words[1] in AXES["matrix"]:
-        return Heading("matrix", words[1])
+    if len(words) == 2 and words[0] in ("matrix", "mrp") and words[1] in AXES[words[0]]:
+        return Heading(words[0], words[1])
     clock = _time(words, unit)
     while len(words) > 1 and _PREFIX.fullmatch(words[0]):
         words = words[1:]
+    behind = (
+        _OF_BODY if words[0].startswith(("w", "om", "ang")) else _OF_BODY_AT_LENGTH
+    )  # gyro_b may be a bias
+    words = [word for k, word in enumerate(words) if not k or not behind.fullmatch(word)]
     return clock or _component(words, unit, bare)
 
 
@@ -135,7 +164,7 @@ def _spell_unit(unit: str) -> str:
     """A unit with its second as s and its multiplication left out."""
     return (
         re.sub(r"sec(?:ond)?s?(?![a-z])", "s", unit).replace("·", "").replace("*", "")
-        if unit not in TIME_UNITS
+        if unit not in _BRACKETED_TIME
         else unit
     )
 
@@ -150,15 +179,21 @@ def _time(words: list[str], unit: str) -> Heading | None:
     """A clock: words for time only, and perhaps a unit."""
     spelled = [TIME_UNITS[word] for word in words if word in TIME_UNITS]
     others = [word for word in words if word not in TIME_UNITS]
-    if unit in TIME_UNITS and not all(_TIME_WORD.fullmatch(word) for word in words):
-        return Heading("time", FOREIGN, TIME_UNITS[unit])
+    if unit in _BRACKETED_TIME and not all(
+        _TIME_WORD.fullmatch(word) or _WHOSE_CLOCK.fullmatch(word) for word in words
+    ):
+        return Heading("time", FOREIGN, _BRACKETED_TIME[unit])
     is_late = any(_LATE_WORD.fullmatch(word) for word in others)
     others = [word for word in others if not _LATE_WORD.fullmatch(word)]
+    named = [word for word in others if not _WHOSE_CLOCK.fullmatch(word)]
+    others = named if named or is_late or unit or spelled else others
     if not all(_TIME_WORD.fullmatch(word) for word in others) or len(spelled) > 1:
         return None
-    if unit and unit not in TIME_UNITS:
+    if unit and unit not in _BRACKETED_TIME:
         return None
-    return Heading("time", FOREIGN if is_late else "", TIME_UNITS[unit] if unit else next(iter(spelled), ""))
+    return Heading(
+        "time", FOREIGN if is_late else "", _BRACKETED_TIME[unit] if unit else next(iter(spelled), "")
+    )
 
 
 def _component(words: list[str], unit: str, bare: Quantity | None) -> Heading | None:
@@ -223,6 +258,7 @@ AXES: Final[dict[Quantity, Sequence[str]]] = {
     "acceleration": "xyz",
     "position": "xyz",
     "quaternion": "xyzw",
+    "mrp": "xyz",
     "matrix": tuple(row + column for row in "xyz" for column in "xyz"),
 }
 KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
@@ -231,6 +267,7 @@ KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
     "position": LENGTH_UNITS,
     "quaternion": {},
     "matrix": {},
+    "mrp": {},
 }
 """SI units in the units of each quantity."""
 
@@ -254,22 +291,28 @@ class MotionColumns:
         Index and unit of the clock, None without one.
     vectors : dict[Quantity, VectorColumns]
         Of each quantity that has all its components, once.
-    nanoseconds : int | None
-        Index of a second column that may hold what the clock's whole seconds leave, as stamps of ROS do.
+    fraction : tuple[int, float] | None
+        Index of a second column that may hold what the clock's whole seconds leave, as stamps of ROS do, and its unit in s.
     """
 
     time: tuple[int, str] | None
     vectors: dict[Quantity, VectorColumns]
-    nanoseconds: int | None = None
+    fraction: tuple[int, float] | None = None
 
 
 def motion_columns(
-    path: Path, names: Sequence[str], options: ReadingOptions, bare: Quantity | None = None
+    path: Path,
+    names: Sequence[str],
+    options: ReadingOptions,
+    bare: Quantity | None = None,
+    is_date: Callable[[int], bool] | None = None,
 ) -> MotionColumns:
     """Columns of a header.
 
     Parameters
     ----------
+    is_date : Callable[[int], bool] | None
+        Whether the stamps of a column are those of a date, which decides among clocks without a unit.
     bare : Quantity | None
         See `heading_of`.
 
@@ -282,7 +325,7 @@ def motion_columns(
     understood = understood_names(names)
     found, headings = _vectors(path, names, understood, bare)
     is_gyro = "rate" in found and not found["rate"].is_si
-    if "quaternion" not in found and "matrix" not in found and not is_gyro:
+    if not {"quaternion", "matrix", "mrp"} & found.keys() and not is_gyro:
         try:
             own = _of_one_body(path, understood, options.topic)
         except InputError:
@@ -292,6 +335,9 @@ def motion_columns(
         if own is not None:
             understood, options = own, replace(options, topic=None)
             found, headings = _vectors(path, names, understood, bare)
+    if not {"rate", "quaternion", "matrix", "mrp"} & found.keys():
+        understood = [_of_source(name) for name in understood]
+        found, headings = _vectors(path, names, understood, bare)
     if options.topic is not None:
         raise InputError(
             f"{path_text(path)}: topic does not apply: no body {value_text(options.topic)} has a quaternion; leave it out"
@@ -302,8 +348,27 @@ def motion_columns(
         )  # x, y, z beside a quaternion, as in the header of TUM
     if options.rate is not None:
         return MotionColumns(None, found)
-    clock = _clock(path, names, headings, found)
-    return MotionColumns(clock, found, None if clock is None else _nanoseconds(clock[0], names))
+    clock = _clock(path, names, headings, found, is_date)
+    return MotionColumns(clock, found, None if clock is None else _fraction(*clock, names))
+
+
+_RATE_END: Final = re.compile(
+    r"(.+[^A-Za-z])((?:ang(?:ular)?_?(?:vel(?:ocity)?|rates?)|gyro(?:scope)?|body_?rates?|omega|rotation_?rate)\b.*|"
+    r"(?:ang(?:ular)?_?(?:vel(?:ocity)?|rates?)|gyro(?:scope)?|body_?rates?|omega|rotation_?rate)_.*)",
+    re.IGNORECASE,
+)
+"""A rate behind the name of what it is of."""
+_NOT_OF_BODY: Final = re.compile(
+    r"world|inertial|global|spatial|earth|root|eci|ned|enu|lvlh|orbit|rel|wheel|motor|rotor|joint|gimbal|rw|bias|std|cov|raw|uncal|temp|norm|setpoint|desired|cmd|command|goal|target|ref|err|noise",
+    re.IGNORECASE,
+)
+"""Words before a rate that is in other axes, or that was not measured."""
+
+
+def _of_source(name: str) -> str:
+    """A name without that of its source in front of a rate; one that is in other axes, or a wish, as it is."""
+    matched = _RATE_END.fullmatch(name.strip())
+    return name if matched is None or _NOT_OF_BODY.search(matched[1]) else matched[2]
 
 
 def _vectors(
@@ -392,14 +457,20 @@ def _vector(
     return VectorColumns(tuple(k for k, _ in chosen), units.pop(), all(h.is_si for _, h in chosen))
 
 
-def _nanoseconds(clock: int, names: Sequence[str]) -> int | None:
-    """Column named as the clock is, with nanoseconds in the place of seconds: header.stamp.sec and header.stamp.nanosec."""
-    words = [_words(name) for name in names]
-    units = [TIME_UNITS.get(own[-1]) if own else None for own in words]
-    if units[clock] != "s":
+def _fraction(clock: int, stated: str, names: Sequence[str]) -> tuple[int, float] | None:
+    """Column of what whole seconds leave: named as the clock is, as stamp.sec and stamp.nanosec, or by its unit alone."""
+    if stated not in ("s", ""):
         return None
-    paired = (k for k, own in enumerate(words) if units[k] == "ns" and own[:-1] == words[clock][:-1])
-    return next(paired, None)
+    own = _words(names[clock])
+    stem = own[:-1] if own and TIME_UNITS.get(own[-1]) == "s" else own
+    for k, words in enumerate(map(_words, names)):
+        unit = TIME_UNITS.get(words[-1], "") if words else ""
+        if k != clock and unit in _FRACTIONS and words[:-1] in (stem, []):
+            return k, CLOCK_UNITS[unit]
+    return None
+
+
+_FRACTIONS: Final = ("ms", "us", "ns")
 
 
 _CLOCKED: Final[tuple[Quantity, ...]] = ("rate", "position", "quaternion", "acceleration")
@@ -410,6 +481,7 @@ def _clock(
     names: Sequence[str],
     headings: Sequence[Heading | None],
     found: dict[Quantity, VectorColumns],
+    is_date: Callable[[int], bool] | None,
 ) -> tuple[int, str] | None:
     """Index and unit of the clock among the columns.
 
@@ -417,6 +489,11 @@ def _clock(
     poses: where each sensor has a clock, theirs.
     """
     times = [(k, h) for k, h in enumerate(headings) if h is not None and h.quantity == "time"]
+    parts = [k for k, h in times if h.unit in _FRACTIONS and "".join(_words(names[k])) in TIME_UNITS]
+    if any(k not in parts and h.axis != FOREIGN and h.unit in ("", "s") for k, h in times):
+        times = [
+            (k, h) for k, h in times if k not in parts
+        ]  # a unit alone, beside a clock, is the part of a second
     named = [(k, h) for k, h in times if h.axis != FOREIGN]
     clocks = [(k, h.unit) for k, h in named or times]
     stated = [clock for clock in clocks if clock[1] == "s"] or [clock for clock in clocks if clock[1]]
@@ -424,6 +501,8 @@ def _clock(
         vector = next((found[each] for each in _CLOCKED if each in found), None)
         own = _words(names[vector.indices[0]])[:1] if vector is not None else []
         return next((clock for clock in stated if own and _words(names[clock[0]])[:1] == own), stated[0])
+    if len(clocks) > 1 and is_date is not None:
+        clocks = [clock for clock in clocks if is_date(clock[0])] or clocks
     if len(clocks) > 1:
         listed = " and ".join(value_text(names[k]) for k, _ in clocks[:2])
         raise InputError(

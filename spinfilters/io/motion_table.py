@@ -16,13 +16,14 @@ from spinfilters.io.measurement_log import Acceleration, MeasurementStream
 from spinfilters.io.motion_columns import (
     EXAMPLE,
     KNOWN_UNITS,
+    SECONDS,
     TICKS,
     MotionColumns,
     Quantity,
     VectorColumns,
     motion_columns,
 )
-from spinfilters.io.named_columns import NamedColumns, TextColumns
+from spinfilters.io.named_columns import NamedColumns, TextColumns, as_measured
 from spinfilters.io.sensor_tables import require_clock, require_turns
 from spinfilters.io.stated_values import (
     CLOCK_UNITS,
@@ -84,6 +85,22 @@ def clock_unit(
     raise InputError(
         f"{path_text(path)}: the clock '{name[:40]}' steps by {step:.6g}, and does not say in what; give "
         f"{to_state('clock', listed)}, or name it so, such as time_ms"
+    )
+
+
+def _is_date(source: NamedColumns, column: int) -> bool:
+    """Whether the first and last stamps of a column are of the years 1995 to 2100 in one unit."""
+    try:
+        table = source.read([column], keys=1)
+    except InputError:
+        try:
+            table = source.read([column])
+        except InputError:
+            return False
+    ends = np.abs(table.values[[0, -1], 0])
+    return any(
+        ((_CALENDAR[0] < ends * second) & (ends * second < _CALENDAR[1])).all()
+        for second in CLOCK_UNITS.values()
     )
 
 
@@ -159,7 +176,8 @@ def motion_of(source: NamedColumns, options: ReadingOptions, bare: Quantity | No
         As `motion_columns`, `NamedColumns.read` and `require_clock`; no such columns; a unit that is in
         doubt or contradicts what is stated; numbers out of their range.
     """
-    columns = motion_columns(source.path, source.names, options, bare)
+    source = as_measured(source)
+    columns = motion_columns(source.path, source.names, options, bare, lambda k: _is_date(source, k))
     if source.stated_rate is not None and options.rate is None and not _has_clock(source, columns):
         counters = [(k, SAMPLES) for k, name in enumerate(source.names) if name.lower() in COUNTERS]
         columns = replace(columns, time=next(iter(counters), None))
@@ -184,7 +202,7 @@ def _rates(source: NamedColumns, columns: MotionColumns, options: ReadingOptions
     vector, remarks = columns.vectors["rate"], []
     table = _read_quantities(source, columns, ("rate",))
     unit = _rate_unit(table, vector, options, _unit_of_logger(source.names, table))
-    if "quaternion" in columns.vectors or "matrix" in columns.vectors:
+    if {"quaternion", "matrix", "mrp"} & columns.vectors.keys():
         remarks.append("attitudes left out: an inertial unit makes them of its rates")
     _require_measurable(table, unit, bool(vector.unit) or options.unit is not None)
     values = table.values.copy()
@@ -228,11 +246,24 @@ def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
     )
 
 
+_UNITS_OF_LOGGERS: Final = (
+    (frozenset({"rtcTime", "output_Hz"}), "deg/s"),  # OpenLog Artemis
+    (frozenset({"gyro_uncalib_x", "game_rv[0]"}), "rad/s"),  # RoNIN, as Android's
+    (frozenset({"HeadBandOn", "Elements"}), "deg/s"),  # Mind Monitor
+    (frozenset({"Unix Time", "Microseconds", "IMU Temperature"}), "rad/s"),  # Advanced Navigation
+    (frozenset({"rotationRate.x", "userAcceleration.x"}), "rad/s"),  # Core Motion of iOS
+)
+"""Columns that only one logger has, and the unit of its rates."""
+
+
 def _unit_of_logger(names: Sequence[str], table: Table) -> str:
     """Unit of body rates that a logger is known to write, by columns that only it has; empty of others."""
     is_android = "accuracy" in names and table.names[-3:] == ("x", "y", "z")
     if "seconds_elapsed" in names or is_android:
         return "rad/s"
+    for own, unit in _UNITS_OF_LOGGERS:
+        if own <= set(names):
+            return unit
     if {"PacketCounter", "SampleTimeFine"} <= set(names):
         return "deg/s" if table.values.shape[1] > 3 and _tick(table.values[:, 0]) == "us" else "rad/s"
     return ""
@@ -251,6 +282,8 @@ def _poses(
     table = _read_quantities(source, columns, ("position", rotation) if has_position else (rotation,))
     if rotation == "matrix":
         table = _with_quaternions(table)
+    elif rotation == "mrp":
+        table = _with_quaternions_of_mrp(table)
     table, clock = _timed(table, columns, options, source, None)
     if has_position:
         values = table.values.copy()
@@ -271,6 +304,15 @@ def _with_quaternions(table: Table) -> Table:
     return replace(
         table, names=names, values=np.column_stack([table.values[:, :-9], quaternion_from_matrix(R)])
     )
+
+
+def _with_quaternions_of_mrp(table: Table) -> Table:
+    """A table whose last three columns, modified Rodrigues parameters s of q_ib, are a quaternion: (2 s, 1 - s s) / (1 + s s)."""
+    s = table.values[:, -3:]
+    square = np.sum(s * s, axis=1, keepdims=True)
+    q = np.hstack([2.0 * s, 1.0 - square]) / (1.0 + square)
+    names = (*table.names[:-3], "qx", "qy", "qz", "qw")
+    return replace(table, names=names, values=np.column_stack([table.values[:, :-3], q]))
 
 
 ROTATION_ERROR: Final = 1e-3
@@ -294,12 +336,17 @@ def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: t
     """Clock, where there is one, and quantities."""
     chosen = [k for quantity in quantities for k in columns.vectors[quantity].indices]
     clock = [] if columns.time is None else [columns.time[0]]
-    if columns.nanoseconds is None or columns.time is None:
+    if columns.fraction is None or columns.time is None:
         return source.read([*clock, *chosen], keys=len(clock))
-    table = source.read([*clock, columns.nanoseconds, *chosen], keys=2)
-    seconds, rest = table.values[:, 0], table.values[:, 1]
-    if (seconds == np.floor(seconds)).all() and ((rest >= 0) & (rest < 1e9)).all():
-        seconds = seconds + 1e-9 * rest
+    place, unit = columns.fraction
+    table = source.read([*clock, place, *chosen], keys=2)
+    seconds, rest = table.values[:, 0], unit * table.values[:, 1]
+    if (
+        (seconds == np.floor(seconds)).all()
+        and ((rest >= 0) & (rest < 1)).all()
+        and (np.diff(seconds) <= 1).all()
+    ):
+        seconds = seconds + rest
     return replace(
         table,
         names=(table.names[0], *table.names[2:]),
@@ -392,7 +439,7 @@ def _timed(
     return table, unit if unit == "s" else f"clock in {unit}"
 
 
-_CLOCKS: Final = {**CLOCK_UNITS, "100 us": 1e-4}
+_CLOCKS: Final = {**SECONDS, "100 us": 1e-4}
 
 
 def _tick(stamps: Float[np.ndarray, " n"]) -> str:
@@ -478,6 +525,8 @@ def _quantity(
         return "quaternion"
     if "matrix" in found and ("position" in found or "rate" not in found):
         return "matrix"
+    if "mrp" in found and "rate" not in found:
+        return "mrp"
     if "rate" in found:
         return "rate"
     if "position" in found:

@@ -1,9 +1,9 @@
 """Tables with named columns, wherever their numbers come from: a text file, or arrays in memory."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +11,7 @@ from jaxtyping import Float
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock, seconds_of_dates
 from spinfilters.io.input_file import parse_number, path_text, value_text
-from spinfilters.io.table_layout import TableLayout
+from spinfilters.io.table_layout import TableLayout, data_lines
 from spinfilters.io.text_table import Table, read_columns
 
 
@@ -75,16 +75,19 @@ class ArrayColumns:
         Of the columns.
     columns : tuple[np.ndarray, ...]
         One array for each name, of any type; only those that are read need be numbers.
+    rate : float | None
+        Samples a second, Hz, as what stands beside the columns says; None of others.
     """
 
     path: Path
     names: tuple[str, ...]
     columns: tuple[np.ndarray, ...]
+    rate: float | None = None
 
     @property
     def stated_rate(self) -> float | None:
-        """None: there are no lines above."""
-        return None
+        """See `NamedColumns.stated_rate`."""
+        return self.rate
 
     def __post_init__(self) -> None:
         lengths = {name: len(column) for name, column in zip(self.names, self.columns, strict=True)}
@@ -118,6 +121,112 @@ class ArrayColumns:
         return Table(
             self.path, layout, names, values, rows.tolist(), left_out, counted="row", is_dated=is_dated
         )
+
+
+@dataclass(frozen=True)
+class RatesOfIncrements:
+    """Columns with the mean rate over each period, d / T, in the place of angles d by which the body turned in it.
+
+    Attributes
+    ----------
+    source : NamedColumns
+        Its columns.
+    angles : tuple[int, ...]
+        Indices of the angles about x, y and z, rad.
+    period : int
+        Index of T, us.
+    """
+
+    source: NamedColumns
+    angles: tuple[int, ...]
+    period: int
+
+    @property
+    def path(self) -> Path:
+        """See `NamedColumns.path`."""
+        return self.source.path
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """See `NamedColumns.names`."""
+        called = dict(zip(self.angles, ("omega_x", "omega_y", "omega_z"), strict=True))
+        return tuple(called.get(k, name) for k, name in enumerate(self.source.names))
+
+    @property
+    def stated_rate(self) -> float | None:
+        """See `NamedColumns.stated_rate`."""
+        return self.source.stated_rate
+
+    def read(self, columns: Sequence[int], keys: int = 0) -> Table:
+        """See `NamedColumns.read`. InputError: a period that is not positive, too."""
+        table = self.source.read([*columns, self.period], keys)
+        values, period = table.values[:, :-1].copy(), 1e-6 * table.values[:, -1]
+        wrong = np.flatnonzero(~(period > 0))
+        if wrong.size:
+            raise table.error(
+                int(wrong[0]), f"{table.names[-1]} is not above 0; correct or delete the {table.counted}"
+            )
+        for place, column in enumerate(columns):
+            if column in self.angles:
+                values[:, place] /= period
+        return replace(table, names=tuple(self.names[k] for k in columns), values=values)
+
+
+@dataclass(frozen=True)
+class OneOfSeveral:
+    """Rows of the first of several sensors that one table has in turn, by a column with their number.
+
+    Attributes
+    ----------
+    source : NamedColumns
+        Its columns.
+    number : int
+        Index of the column.
+    """
+
+    source: NamedColumns
+    number: int
+
+    @property
+    def path(self) -> Path:
+        """See `NamedColumns.path`."""
+        return self.source.path
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """See `NamedColumns.names`."""
+        return self.source.names
+
+    @property
+    def stated_rate(self) -> float | None:
+        """See `NamedColumns.stated_rate`."""
+        return self.source.stated_rate
+
+    def read(self, columns: Sequence[int], keys: int = 0) -> Table:
+        """See `NamedColumns.read`."""
+        table = self.source.read([*columns, self.number], keys)
+        number = table.values[:, -1]
+        own = np.flatnonzero(number == number[0])
+        lines = table.lines
+        if len(own) < len(number) and lines is None:
+            lines = [line for line, _ in data_lines(table.path, table.layout)]
+        lines = lines if lines is None or len(own) == len(number) else [lines[row] for row in own.tolist()]
+        return replace(table, names=table.names[:-1], values=table.values[own, :-1], lines=lines)
+
+
+_INCREMENTS: Final = ("delta_angle[0]", "delta_angle[1]", "delta_angle[2]")
+_PERIOD: Final = "delta_angle_dt"
+"""Names of PX4's vehicle_imu."""
+
+
+def as_measured(source: NamedColumns) -> NamedColumns:
+    """Columns as one sensor measured them: of several the first, and rates where the table has the angles of each period."""
+    names = list(source.names)
+    if "TimeUS" in names and "I" in names:  # of ArduPilot, whose rows number the sensors
+        source = OneOfSeveral(source, names.index("I"))
+    if {*_INCREMENTS, _PERIOD} <= set(names):
+        source = RatesOfIncrements(source, tuple(map(names.index, _INCREMENTS)), names.index(_PERIOD))
+    return source
 
 
 def _is_dated(clock: np.ndarray) -> bool:

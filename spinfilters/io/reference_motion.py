@@ -20,9 +20,9 @@ from spinfilters.core.linear_algebra import at_times
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.input_file import path_text, read_bytes, reason, value_text
 from spinfilters.io.measurement_log import MeasurementLog, freeze_arrays
-from spinfilters.io.motion_columns import KNOWN_UNITS, motion_columns
+from spinfilters.io.motion_columns import KNOWN_UNITS, SECONDS, motion_columns
 from spinfilters.io.sensor_format import sensor_format
-from spinfilters.io.stated_values import CLOCK_UNITS, ReadingOptions
+from spinfilters.io.stated_values import ReadingOptions
 from spinfilters.io.truth import TRUTH_COLUMNS, Truth
 
 LARGEST_FILE: Final = 1 << 28
@@ -290,7 +290,7 @@ def _table_columns(path: Path, lines: Sequence[str]) -> _Columns:
         values[:, clock] = [np.nan if seconds is None else seconds for seconds in told]
         unit = "s"
     unit = unit or ("ns" if names[clock].lower() == "#timestamp" else "s")  # EuRoC's ground truth states none
-    chosen = {"time": values[:, [clock]] * CLOCK_UNITS[unit]}
+    chosen = {"time": values[:, [clock]] * SECONDS[unit]}
     rate = "rate_i" if set(TRUTH_COLUMNS) <= {name.lower() for name in names} else "rate"
     for quantity, key in (("position", "position"), ("quaternion", "q_lm"), ("rate", rate)):
         if quantity in known.vectors:

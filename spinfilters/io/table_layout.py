@@ -198,6 +198,10 @@ def _stated_rate(path: Path, layout: TableLayout) -> float | None:
     return rate if 0.0 < rate <= SAMPLING_RATE.largest else None
 
 
+_OPENROCKET: Final = re.compile(r"# Event \w+ occurred at t=|# \d+ data points written for \d+ variables")
+"""Comments of the exports of OpenRocket."""
+
+
 def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayout:
     """Layout of a table in this encoding. InputError: see `read_layout`."""
     # no cell is known before the header is found, so that delimiters alone leave a line empty
@@ -207,6 +211,11 @@ def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayo
     for number, raw in data_lines(path, replace(preamble, comments=())):
         if number > PREAMBLE_LINES:
             break
+        if _OPENROCKET.match(raw):
+            raise InputError(
+                f"{path_text(path)}: the pitch and yaw rates of OpenRocket are about axes of the air flow, which do not "
+                "turn with the body; log the body's own rates with a listener"
+            )
         if line := preamble.content(raw):
             held.append(_NumberedLine(number, line))
         elif not any(_is_numbers(each) for _, each in held):
@@ -287,8 +296,11 @@ def _header(line: str, below: str) -> TableLayout | None:
 
 
 _UNITS: Final = re.compile(
-    r"(?:[mun]?s|m?rad|m?deg|[mc]?m|m/s|(?:m?rad|m?deg|d)/s|m?dps|rpm|m?g|m/s\^?2|m/s²)", re.IGNORECASE
+    r"(?:[mun]?s(?:ec(?:onds?)?)?|m?rad|m?deg|[mc]?m|m/s(?:ec)?|(?:m?rad(?:ians?)?|m?deg(?:rees?)?|°|d)/s(?:ec(?:ond)?)?|m?dps|rpm|m?g|"
+    r"m/s(?:ec)?\^?2|m/s²)",
+    re.IGNORECASE,
 )
+_MAY_BE_UNIT: Final = re.compile(r"deg|rad|°|/s|rpm", re.IGNORECASE)
 _NOTE: Final = re.compile(r"(?:Type|Unit|Interp|BlockPath|PortIndex|Enum):")
 """Of a line below the names that the Simulation Data Inspector writes."""
 _LENGTHS: Final = {"meters": "m", "centimeters": "cm", "millimeters": "mm"}
@@ -307,7 +319,7 @@ def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | Non
     row : str
         The first row.
     """
-    delimiter = max(_DELIMITERS, key=row.count)
+    delimiter = _delimiter_of_numbers(row)
     if delimiter not in row:
         return None  # blanks separate the words of any sentence
     width, cells = len(row.split(delimiter)), [_split(line.text, delimiter) for line in lines]
@@ -323,6 +335,8 @@ def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | Non
             units = [cell.removeprefix("Unit:").strip() for cell in noted]
     place = len(rows) - 1
     while place > 0 and len(set(filter(None, rows[place]))) < 3:  # such as types of the columns
+        if not any(units) and any(_MAY_BE_UNIT.search(cell) for cell in rows[place]):
+            units = [_bare_unit(cell) for cell in rows[place]]  # known or not: none is left out
         place -= 1
     names = rows[place]
     kinds = next(
@@ -396,7 +410,7 @@ def _stated_length(lines: Sequence[_NumberedLine]) -> str:
 
 def _is_row(line: str) -> bool:
     """Whether a line is a row of at least three numbers whose first cell is one, or is a date."""
-    cells = _split(line, max(_DELIMITERS, key=line.count))
+    cells = _split(line, _delimiter_of_numbers(line))
     if cells and seconds_of_clock(cells[0]) is not None:
         return sum(map(_is_numbers, cells[1:])) >= 3
     return (
@@ -404,6 +418,18 @@ def _is_row(line: str) -> bool:
         and line.lstrip(" ")[:1] not in _DELIMITERS
         and len(re.split(r"[\s,;|]+", line.strip())) >= 3
     )
+
+
+_WITH_COMMA: Final = re.compile(r"\s*(?:[+-]?\d*,?\d+(?:[eE][+-]?\d+)?)?\s*")
+
+
+def _delimiter_of_numbers(line: str) -> str:
+    """The commonest delimiter of a line of numbers; another than the comma where that is the decimal mark of its cells."""
+    for delimiter in ";\t":
+        cells = line.split(delimiter)
+        if len(cells) > 2 and all(map(_WITH_COMMA.fullmatch, cells)):
+            return delimiter
+    return max(_DELIMITERS, key=line.count)
 
 
 def _has_stated(line: str, names: Sequence[str]) -> bool:

@@ -284,10 +284,7 @@ _COLUMNS: Final = ("t", "gx", "gy", "gz")
 
 
 def read_gyroflow(path: Path, options: ReadingOptions) -> Dataset:
-    """Rates of a log: tscale makes seconds of its clock, gscale rad/s of its counts.
-
-    InputError: no factors, or axes of a left hand.
-    """
+    """Rates of a log, by tscale (s) and gscale (rad/s) of its counts. InputError: no factors, or axes of a left hand."""
     options.require_only((), "a log of Gyroflow")
     cells = (line.partition(",") for line in first_text(path, _LONG_HEAD).splitlines())
     stated = {name.strip(): value.strip() for name, _, value in cells}

@@ -17,10 +17,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.linear_algebra import by_stretches, with_largest_positive
 from spinfilters.core.mass_distribution import inertia, inertia_matrices
-from spinfilters.models.body_spread import body_spread, widest_departures
+from spinfilters.models.body_spread import axis_turns, body_spread, widest_departures
 from spinfilters.models.state_blocks import CENTRE_OF_MASS, DRAG, StateBlock
 from spinfilters.models.state_layout import Gaussian, StateLayout, with_error_jacobian
 
@@ -32,6 +33,7 @@ INTERVAL: Final = (0.025, 0.975)
 """Levels of the interval of sampled moments."""
 _TAILS = np.array([4.0, 3.0, 2.0, 2.0, 3.0, 4.0])  # of a normal distribution, and the probability below each
 _TAIL_LEVELS = np.array([0.00003167, 0.00134990, 0.02275013, 0.97724987, 0.99865010, 0.99996833])
+_MEAN_STEPS = 3  # of the mean of rotations: what is left is 1e-5 of samples 0.1 rad wide
 _SMALLEST_GAP = 1e-12  # of moments, relative to the largest: below it rounding decides
 
 
@@ -143,18 +145,36 @@ class MassSamples:
     gaussian_nees : float
         Mean NEES per degree of freedom of the samples in the Gaussian belief. It is large where that misses a part of the
         posterior, in which it proposes nothing, which the shape does not show.
+    shape : float
+        Pareto shape of the samples' own weights.
     """
 
     points: Float[np.ndarray, "n 5"]
     weights: Float[np.ndarray, " n"]
     gaussian_shape: float
     gaussian_nees: float
+    shape: float = 0.0
 
     @cached_property
     def principal_moments(self) -> Float[np.ndarray, "n 3"]:
         """(n, 3) ascending, largest = 1."""
         moments = np.linalg.eigvalsh(inertia_matrices(self.points))
         return moments / moments[:, 2:]
+
+    @cached_property
+    def principal_axes(self) -> Float[np.ndarray, "3 3"]:
+        """(3, 3) rows are unit axes in g, right-handed, about which the samples' axes have turns of mean zero."""
+        bodies = inertia_matrices(self.points)
+        bodies /= np.trace(bodies, axis1=1, axis2=2)[:, np.newaxis, np.newaxis]
+        axes = _right_handed(np.linalg.eigh(np.tensordot(self.weights, bodies, 1))[1]).T
+        for _ in range(_MEAN_STEPS):
+            axes = matrix_from_rotation_vector(self.weights @ self.turns(axes)).T @ axes
+        return axes
+
+    def turns(self, axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "n 3"]:
+        """(n, 3) rad, the shortest rotation about themselves that takes axes, in rows, to those of each sample."""
+        vectors = np.linalg.eigh(inertia_matrices(self.points))[1]
+        return axis_turns(axes.T[np.newaxis], vectors[np.newaxis])[0]
 
     def quantiles(
         self, values: Float[np.ndarray, " n"], levels: Float[np.ndarray, " q"]
@@ -173,33 +193,50 @@ class MassSamples:
         tails = np.abs(self.quantiles(away, _TAIL_LEVELS)) / _TAILS
         return float(max(np.sqrt(self.weights @ np.square(away)), tails.max()))
 
-    def body(self, belief: BodyEstimate) -> BodyEstimate:
-        """A belief's body with mean, deviations and interval of the moments over the samples; axes and centre are the belief's.
+    def body(
+        self, belief: BodyEstimate, least_axes_std: Float[np.ndarray, " 3"] | float = 0.0
+    ) -> BodyEstimate:
+        """A belief's body with mean and deviations of moments and axes over the samples; the centre is the belief's.
 
-        The covariance of the moments has the correlations of the samples, and the variances of `deviation`.
+        Covariances have the correlations of the samples, and the variances of `deviation`.
+
+        Parameters
+        ----------
+        least_axes_std : Float[np.ndarray, ' 3'] | float
+            Deviations of the axes that their errors have for other reasons, rad.
         """
         moments = self.principal_moments
         logs = np.log(moments[:, [2, 1]] / moments[:, [1, 0]])
         mean = self.weights @ moments
         mean[2] = 1.0  # by definition, which a sum of weights meets to rounding
         ratios = np.log(mean[[2, 1]] / mean[[1, 0]])  # of the published moments; deviations are about these
-        away = np.sqrt(self.weights)[:, np.newaxis] * (moments - mean)
-        covariance = away.T @ away
         stated = np.array([self.deviation(moments[:, k], mean[k]) for k in range(2)])
-        spread = np.sqrt(np.diagonal(covariance)[:2])
-        widened = np.append(np.divide(stated, spread, out=np.ones(2), where=spread > 0), 1.0)
+        turns = self.turns(self.principal_axes)
+        axes_std = np.maximum([self.deviation(turn, 0.0) for turn in turns.T], least_axes_std)
         k1_std, k2_std = (self.deviation(logs[:, k], ratios[k]) for k in range(2))
         levels = np.array(INTERVAL)
         return replace(
             belief,
             principal_moments=mean,
-            principal_moments_cov=covariance * np.outer(widened, widened),
+            principal_moments_cov=self._covariance(moments - mean, np.append(stated, 0.0)),
+            principal_axes_g=self.principal_axes,
+            principal_axes_cov=self._covariance(turns, np.minimum(axes_std, UNDETERMINED_STD)),
             k1=float(ratios[0]),
             k2=float(ratios[1]),
             k1_std=k1_std,
             k2_std=k2_std,
             principal_moments_interval=np.array([self.quantiles(column, levels) for column in moments.T]),
         )
+
+    def _covariance(
+        self, away: Float[np.ndarray, "n 3"], stated: Float[np.ndarray, " 3"]
+    ) -> Float[np.ndarray, "3 3"]:
+        """Covariance of departures, with deviations as stated and the correlations of the samples."""
+        root = np.sqrt(self.weights)[:, np.newaxis] * away
+        covariance = root.T @ root
+        spread = np.sqrt(np.diagonal(covariance))
+        widened = np.divide(stated, spread, out=np.ones(3), where=spread > 0)
+        return covariance * np.outer(widened, widened)
 
 
 def turn_of_axes(
@@ -356,10 +393,10 @@ def _with_std(
     return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]
 
 
-def _right_handed(vectors: np.ndarray) -> Float[np.ndarray, "n 3 3"]:
+def _right_handed(vectors: np.ndarray) -> Float[np.ndarray, "*n 3 3"]:
     """Eigenvectors (columns) with the first two's largest component positive, third = their product."""
     first, second = (with_largest_positive(vectors[..., k]) for k in range(2))
-    return np.stack([first, second, np.cross(first, second)], axis=2)
+    return np.stack([first, second, np.cross(first, second)], axis=-1)
 
 
 def _block(

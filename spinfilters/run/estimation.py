@@ -29,7 +29,7 @@ from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_
 from spinfilters.inference.estimator_entry import AnyEntry, begin_with_first_epoch
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import NAME as SMOOTHER
-from spinfilters.inference.smoother_run import smooth_and_sample, with_samples
+from spinfilters.inference.smoother_run import NOT_GAUSSIAN, smooth_and_sample
 from spinfilters.io.input_file import reason
 from spinfilters.models.status import EstimatorStatus
 from spinfilters.run.checkpoints import StoreOf, no_checkpoints
@@ -223,12 +223,21 @@ def _with_sampled_moments(
             smoothed = smooth_and_sample(setup, settings, lambda *_: None)
         except (InputError, *NUMERICAL_ERRORS):
             return evaluations
-    mass = smoothed.mass
-    if mass is None or smoothed.has_failed:
+    if smoothed.has_failed:
+        return evaluations
+    doubts = [found for found in smoothed.status.findings if found.check == NOT_GAUSSIAN]
+
+    def sampled(history: EstimateHistory) -> EstimateHistory:
+        """A filter's history with the smoother's samples, or with the doubt that there are none to rely upon."""
+        status = history.status
+        for doubt in doubts:
+            status = status.doubted(doubt)
+        return replace(history, mass=smoothed.mass, status=status)
+
+    if smoothed.mass is None and not doubts:
         return evaluations
     return [
-        evaluated(with_samples(each.history, mass), setup) if each.name in left_open else each
-        for each in evaluations
+        evaluated(sampled(each.history), setup) if each.name in left_open else each for each in evaluations
     ]
 
 

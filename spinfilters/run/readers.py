@@ -468,6 +468,45 @@ class GyroflowReader(StatedReader):
         return read_gyroflow(path, self.options)
 
 
+class PoseGraphReader(StatedReader):
+    """Pose graphs of g2o."""
+
+    name, order, words = "pose-graph", 51, "a pose graph (.g2o)"
+    suffixes = (".g2o",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Poses of the vertices, at the stated rate."""
+        from spinfilters.io.pose_graph import read_pose_graph
+
+        return read_pose_graph(path, self.options)
+
+
+class LabviewReader(StatedReader):
+    """Measurement files of LabVIEW."""
+
+    name, order, words = "labview", 52, "a LabVIEW file (.lvm)"
+    suffixes = (".lvm",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates, poses or attitudes of its channels."""
+        from spinfilters.io.labview_file import read_labview_file
+
+        return read_labview_file(path, self.options)
+
+
+class OpenSimReader(StatedReader):
+    """Orientations of OpenSim."""
+
+    name, order, words = "opensim", 53, "a table of OpenSim (.sto)"
+    suffixes = (".sto",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Attitudes of the only body, or of the one that the user names by the topic."""
+        from spinfilters.io.opensim_table import read_opensim_table
+
+        return read_opensim_table(path, self.options)
+
+
 class OtherFolderReader(DatasetReader):
     """Any folder that no other reader recognises: refused with what it lacks."""
 
@@ -490,7 +529,7 @@ class MotionFileReader(StatedReader):
 
     def recognises(self, path: Path) -> bool:
         """Whether a file is a single table, by suffix and name, and not a part of a data set folder."""
-        if not is_file_named(path, (".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".data")):
+        if not is_file_named(path, (".csv", ".tsv", ".tab", ".txt", ".dat", ".asc", ".log", ".data")):
             return False
         from spinfilters.io.motion_file import is_motion_file
 
@@ -535,6 +574,9 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     AttitudeEphemerisReader(),
     MvnxReader(),
     GyroflowReader(),
+    PoseGraphReader(),
+    LabviewReader(),
+    OpenSimReader(),
     OtherFolderReader(),
     MotionFileReader(),
     SensorTableReader(),

@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights, smoothed_weights
+from spinfilters.core.importance_weights import ImportanceWeights, smoothed_weights
 from spinfilters.core.robust_losses import Gate, LeastSquares
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
@@ -146,6 +146,23 @@ class MassPosterior:
     log_density: Float[np.ndarray, " n"]
     log_ratios: Float[np.ndarray, " n"]
     weights: ImportanceWeights
+
+
+@dataclass(frozen=True)
+class SampledMass:
+    """Samples of a mass distribution, and what they say of the smoother's motion.
+
+    Attributes
+    ----------
+    mass : MassSamples
+        Weighted samples; the Pareto shape of their weights says whether they can be relied upon.
+    widening : ndarray of float, shape (k, n)
+        Root mean square of the errors of every epoch over the samples, about the smoother's states and in its deviations, where
+        that is above 1; 1 for the mass distribution itself.
+    """
+
+    mass: MassSamples
+    widening: Float[np.ndarray, "k n"]
 
 
 class MassSampler:
@@ -484,8 +501,8 @@ def can_be_walked(problem: Problem, epochs: int) -> bool:
     return has_mass and not problem.is_long and epochs <= MOST_EPOCHS
 
 
-def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | None:
-    """Weighted samples of the mass distribution, where a motion leaves one direction of it hardly determined; None elsewhere.
+def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> SampledMass | None:
+    """Samples of the mass distribution, where a motion leaves one direction of it hardly determined; None elsewhere.
 
     Parameters
     ----------
@@ -502,11 +519,45 @@ def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | No
     sampler = MassSampler(problem)
     nodes = sampler.ridge(smoothed.mean)
     found = sampler.sample(nodes, SAMPLES, 0)
-    if found is None or not found.weights.shape < LARGEST_SHAPE:
+    # an infinite shape: no sample has a density, or too few for a tail, which says nothing of the posterior's form
+    if found is None or not np.isfinite(found.weights.shape):
         return None
     points, weights = found.points, found.weights.weights
     shape, nees = (
         sampler.gaussian_shape(nodes[0], TRIED, 1),
         sampler.gaussian_nees(nodes[0], points, weights),
     )
-    return MassSamples(points, weights, shape, nees)
+    mass = MassSamples(points, weights, shape, nees, found.weights.shape)
+    widening = motion_widening(layout, smoothed.mean, smoothed.factor, found.trajectories, weights)
+    return SampledMass(mass, widening)
+
+
+def motion_widening(
+    layout: StateLayout,
+    mean: Float[np.ndarray, "k m"],
+    factor: Float[np.ndarray, "k n n"],
+    trajectories: Float[np.ndarray, "i k m"],
+    weights: Float[np.ndarray, " i"],
+) -> Float[np.ndarray, "k n"]:
+    """Root mean square errors over samples, in a smoother's deviations (`SampledMass.widening`).
+
+    The mean square about its states x is the covariance given the mass distribution, as at x, and that of the most probable states
+    of the samples about x.
+
+    Parameters
+    ----------
+    mean, factor : ndarrays of float, shapes (k, m), (k, n, n)
+        The smoother's states with their covariance factors.
+    trajectories, weights : ndarrays of float, shapes (i, k, m), (i,)
+        Most probable states given each sample of the mass distribution.
+    """
+    s, F = layout.slice(MASS_DISTRIBUTION.name), factor
+    along = (
+        np.linalg.pinv(F[:, s]) @ F[:, s]
+    )  # projects errors of unit variance on those that the mass distribution has
+    variances = np.square(np.linalg.norm(F - F @ along, axis=2))
+    for weight, trajectory in zip(weights, trajectories, strict=True):
+        variances += weight * np.square(layout.local(mean, trajectory))
+    times = np.sqrt(variances) / np.linalg.norm(F, axis=2)
+    times[:, s] = 1.0
+    return np.fmax(times, 1.0)

@@ -260,6 +260,8 @@ class EpochFactors:
         Robust loss of each measurement's whitened innovation.
     first : ndarray of float, shape (m,) or None
         State about whose constants the steps are linearised, or None for the trajectory's own.
+    driven : ndarray of float, shape (k, n) or None
+        Known rates of change of every epoch's error in addition to the process, 1/s, components in the order of the layout.
     """
 
     process: ProcessModel
@@ -269,6 +271,7 @@ class EpochFactors:
     prior: StatePrior | None = None
     loss: RobustLoss = field(default_factory=LeastSquares)
     first: Float[np.ndarray, " m"] | None = None
+    driven: Float[np.ndarray, "k n"] | None = None
 
     @cached_property
     def measured(self) -> int:
@@ -283,6 +286,10 @@ class EpochFactors:
         steps = self.process.linearise_steps(trajectory[:-1], trajectory[1:], self.dt, about)
         if about is not None:
             steps = self._by_errors_here(steps, trajectory[0])
+        if self.driven is not None:
+            # half of it before each step, which carries it on, and half after
+            carried = np.einsum("kij,kj->ki", steps.transition, self.driven[:-1]) + self.driven[1:]
+            steps = steps._replace(defect=steps.defect + self.dt[:, None] / 2 * carried)
         rows, blocks = whitened_steps(self.ordering, *map(np.ascontiguousarray, steps))
         cost = float(blocks[:, -1, -1].sum())
         return InformationBlocks(NOTHING, blocks, cost, rows, noise=steps[2] if about is None else None)
@@ -386,6 +393,7 @@ class EpochFactors:
             dt=self.dt[begin:end],
             sensors=tuple(sensor.within(begin, end) for sensor in self.sensors),
             prior=None if begin else self.prior,
+            driven=None if self.driven is None else self.driven[begin : end + 1],
         )
 
 

@@ -289,6 +289,10 @@ BEYOND: Final = 5e-3
 """Probability of an error beyond them that is allowed, as of an over-confident filter (`HELD` of `verdict.agreement_tests`)."""
 
 
+CHANCE: Final = 3.0
+"""Deviations of a size beyond what is plausible, from which it is no chance: then it is as large as the residuals show."""
+
+
 def enlargements(
     considered: Sequence[ConsideredDeviation], tests: Iterable[ScoreTest]
 ) -> Float[np.ndarray, " c"]:
@@ -354,10 +358,12 @@ def possible_deviation(size: float, std: float, default: float, plausible: float
     default : float
         Scale of the prior.
     plausible : float
-        Largest size that is considered.
+        Largest size that is considered, unless the residuals are beyond it by more than chance.
     """
     if not (np.isfinite([size, std, plausible]).all() and std > 0 and plausible > default):
         return default
+    if abs(size) - plausible > CHANCE * std:
+        plausible = abs(size) + CHANCE * std
     x = np.linspace(-plausible, plausible, POINTS)
     log_density = -0.5 * ((size - x) / std) ** 2 - np.log1p((x / default) ** 2)
     density = np.exp(log_density - log_density.max())

@@ -35,7 +35,13 @@ from spinfilters.verdict.noise_diagnostics import (
     stated_level_diagnostics,
 )
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
-from spinfilters.verdict.refits import DoubtedMotion, with_camera_refit, with_flywheel_refit, with_later_begin
+from spinfilters.verdict.refits import (
+    DoubtedMotion,
+    with_camera_refit,
+    with_flywheel_refit,
+    with_hinge_refit,
+    with_later_begin,
+)
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
 
 
@@ -232,7 +238,8 @@ def _test_models(setup: Setup, settings: Settings, best: EstimateHistory | None)
     if best is None or not is_suspect or models.slips or models.later_begin is not None:
         return models
     motion = DoubtedMotion(setup, best.mean[: tested_epochs(setup)])
-    return with_camera_refit(with_flywheel_refit(models, settings, motion), motion)
+    models = with_hinge_refit(with_flywheel_refit(models, settings, motion), motion)
+    return with_camera_refit(models, motion)
 
 
 def measurement_findings(

@@ -1,5 +1,5 @@
-"""Fits of other models where a recording is doubted: a flywheel inside the body, a camera that moves without known poses, and
-first epochs that belong to another motion.
+"""Fits of other models where a recording is doubted: a flywheel inside the body, a hinge, a camera that moves without known poses,
+and first epochs that belong to another motion.
 
 A score test promises less than a fit explains where the motion has bent to the error. Each fit smooths the motion again with the
 other model; -2 ln likelihood is compared with that of the models as they are, each at the noise levels that it identifies.
@@ -41,8 +41,8 @@ from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Problem, problem_of
 from spinfilters.smoother.solver import SolverOptions, solve
-from spinfilters.verdict.model_errors.alternatives import FLYWHEEL, INSPECTOR_MISSING
-from spinfilters.verdict.model_errors.error_columns import HIGHEST_DEGREE, smooth_paths
+from spinfilters.verdict.model_errors.alternatives import FLYWHEEL, HINGE, INSPECTOR_MISSING
+from spinfilters.verdict.model_errors.error_columns import CHANGES, HIGHEST_DEGREE, hinge_drive, smooth_paths
 from spinfilters.verdict.model_errors.hypotheses import (
     minus_twice_log_likelihood,
     solved_near,
@@ -84,6 +84,12 @@ class DoubtedMotion:
         problem = linear_problem(self.setup, self.setup.timeline[: len(self.trajectory)])
         return at_own_levels(self.setup, problem, self.trajectory)
 
+    @property
+    def is_steady(self) -> bool:
+        """Whether the body spins about one axis, at noise levels of its own: at others a wrong model may flatten any rates."""
+        trajectory = self.trajectory if self.rows is None else self.rows.here.trajectory
+        return is_steady(trajectory[:, self.setup.process.layout.mean_slice(RATE.name)])
+
 
 def at_own_levels(setup: Setup, problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> LinearRows | None:
     """The problem solved from a trajectory, at the noise levels that it identifies."""
@@ -113,12 +119,13 @@ def with_flywheel_refit(models: TestedModels, settings: Settings, motion: Doubte
 
     None of a spin about one axis, which does not distinguish a flywheel from other moments, nor from slow torques.
     """
-    setup, layout = motion.setup, motion.setup.process.layout
-    if layout.has(ROTOR) or is_steady(motion.trajectory[:, layout.mean_slice(RATE.name)]):
+    if motion.setup.process.layout.has(ROTOR):
         return models
     try:
         with np.errstate(all="ignore"):
-            test = _flywheel_test(motion, _samples_as_one(setup, settings))
+            test = (
+                None if motion.is_steady else _flywheel_test(motion, _samples_as_one(motion.setup, settings))
+            )
     except (InputError, *NUMERICAL_ERRORS):
         return models
     linear = models.test_of(FLYWHEEL)
@@ -208,30 +215,179 @@ def _with_momentum(
     """
     found = _wide(own, layout, trajectory)
     R = matrix_from_quaternion(trajectory[:, own.mean_slice(ATTITUDE.name)])
+    body = _conserving(own, trajectory, np.moveaxis(R, 2, 0))
+    if body is None:
+        return found
+    second = np.trace(body.inertia) / 2 * np.eye(3) - body.inertia
+    scale = float(np.cbrt(np.linalg.det(second)))  # the state's inertia has second moments of determinant 1
+    found[:, layout.mean_slice(MASS_DISTRIBUTION.name)] = from_inertia(body.inertia)
+    found[:, layout.mean_slice(ROTOR.name)] = body.further / scale
+    return found
+
+
+SHAPES: Final = np.array(
+    [np.outer(a, b) + np.outer(b, a) for k, a in enumerate(np.eye(3)) for b in np.eye(3)[k:]]
+)
+"""Basis of the symmetric matrices."""
+
+
+class _ConservingBody(NamedTuple):
+    """Inertia that conserves the angular momentum of a motion best, up to scale, and the size of what else has momentum."""
+
+    inertia: Float[np.ndarray, "3 3"]
+    further: Float[np.ndarray, " f"]
+
+
+def _conserving(
+    own: StateLayout, trajectory: Float[np.ndarray, "k m"], further: Float[np.ndarray, "f k 3"]
+) -> _ConservingBody | None:
+    """The body with which R_k J w_k + (what else has momentum, linear in its size) is the same for all k; None without one.
+
+    Parameters
+    ----------
+    further : (f, k, 3) float array
+        Momentum per unit of what else has some, in i.
+    """
+    R = matrix_from_quaternion(trajectory[:, own.mean_slice(ATTITUDE.name)])
     w = trajectory[:, own.mean_slice(RATE.name)]
     J = inertia_matrix(trajectory[0, own.mean_slice(MASS_DISTRIBUTION.name)])
-    # Unknowns: the 6 entries of J (its size is held by its trace), h, and the constant momentum in i.
-    shapes = [np.outer(a, b) + np.outer(b, a) for k, a in enumerate(np.eye(3)) for b in np.eye(3)[k:]]
-    columns = [np.einsum("kij,jl,kl->ki", R, shape, w) for shape in shapes]
-    A = np.stack([*columns, *np.moveaxis(R, 2, 0), *np.tile(-np.eye(3)[:, None], (1, len(w), 1))], axis=2)
+    # Unknowns: the 6 entries of J (its size is held by its trace), what else has momentum, and the constant momentum in i.
+    columns = [np.einsum("kij,jl,kl->ki", R, shape, w) for shape in SHAPES]
+    A = np.stack([*columns, *further, *np.tile(-np.eye(3)[:, None], (1, len(w), 1))], axis=2)
     level = float(np.sqrt((A**2).sum() / A.shape[2]))
-    trace = np.array([float(np.trace(shape)) for shape in shapes] + [0.0] * 6)
+    trace = np.concatenate([np.trace(SHAPES, axis1=1, axis2=2), np.zeros(len(further) + 3)])
     rows = np.concatenate([A.reshape(-1, A.shape[2]), level * trace[None]])
     right = np.concatenate([np.zeros(A[..., 0].size), [level * float(np.trace(J))]])
     solution = np.linalg.lstsq(rows, right, rcond=LEAST_SPREAD)[0]
-    inertia = sum((s * shape for s, shape in zip(solution[:6], shapes, strict=True)), np.zeros((3, 3)))
-    second = np.trace(inertia) / 2 * np.eye(3) - inertia
-    if not (np.isfinite(solution).all() and np.linalg.eigvalsh(second).min() > 0):
-        return found
-    scale = float(np.cbrt(np.linalg.det(second)))  # the state's inertia has second moments of determinant 1
-    found[:, layout.mean_slice(MASS_DISTRIBUTION.name)] = from_inertia(inertia)
-    found[:, layout.mean_slice(ROTOR.name)] = solution[6:9] / scale
-    return found
+    inertia = np.tensordot(solution[:6], SHAPES, axes=1)
+    if not (np.isfinite(solution).all() and _is_of_body(inertia)):
+        return None
+    return _ConservingBody(inertia, solution[6:-3])
+
+
+def _is_of_body(inertia: Float[np.ndarray, "3 3"]) -> bool:
+    """Whether a body can have this inertia: its second moments are positive."""
+    return bool(np.linalg.eigvalsh(np.trace(inertia) / 2 * np.eye(3) - inertia).min() > 0)
 
 
 def _narrow(own: StateLayout, layout: StateLayout, x: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k m"]:
     """Points of a layout in one with fewer blocks."""
     return np.concatenate([x[:, layout.mean_slice(block.name)] for block in own.members], axis=1)
+
+
+# A body with moving parts
+
+HINGE_STEPS: Final = 3
+"""Improvements of a hinge's size: one falls short where the motion has bent to the hinge."""
+
+
+def with_hinge_refit(models: TestedModels, motion: DoubtedMotion) -> TestedModels:
+    """Score tests with that of a hinge from a fit, where a flywheel alone, which is fitted, explains more than a hinge's score.
+
+    The score is of first order about a motion that the hinge has bent. None where another error is named beside a flywheel, whose
+    own score falls short as well, nor of a spin about one axis, which does not distinguish a hinge from slow torques.
+    """
+    linear, classes = models.test_of(HINGE), models.classes
+    others = [each for own in classes[1:] for each in own]
+    is_between = bool(classes) and classes[0][0].error is FLYWHEEL and (not others or linear in others)
+    if linear is None or not is_between:
+        return models
+    try:
+        with np.errstate(all="ignore"):
+            test = None if motion.is_steady else _hinge_test(motion)
+    except (InputError, *NUMERICAL_ERRORS):
+        return models
+    return models if test is None or linear.gain >= test.gain else models.with_test(test)
+
+
+class _HingedMotion(NamedTuple):
+    """A motion with the inertia of its middle, and the size of a hinge."""
+
+    trajectory: Float[np.ndarray, "k m"]
+    size: Float[np.ndarray, " b"]
+
+
+def _hinge_test(doubted: DoubtedMotion) -> ScoreTest | None:
+    """The test of a hinge from a fit; None where that leads nowhere or explains nothing."""
+    setup, without = doubted.setup, doubted.rows
+    if without is None:
+        return None
+    time = times_of(setup.timeline[: len(doubted.trajectory)])
+    trajectory, size = _with_hinge(setup.process.layout, without.here.trajectory, time)
+    rows = _smoothed_with(_HingedMotion(trajectory, size), without, setup, time)
+    known = HINGE.plausible**-2.0 * np.eye(len(size))  # information of the prior
+    covariance = np.linalg.inv(known)
+    for _ in range(HINGE_STEPS):
+        if rows is None:
+            return None
+        motion = SmoothedMotion(time, rows)
+        columns = rows.residual(motion.disturbed(angular=hinge_drive(motion, size).by_size))
+        F, u = columns.gram(columns), columns.gram(rows.left)[:, 0]
+        covariance = np.linalg.inv(F + known)
+        size = size + covariance @ (u - known @ size)
+        rows = _smoothed_with(_HingedMotion(rows.here.trajectory, size), without, setup, time)
+    if rows is None:
+        return None
+    trajectory = rows.here.trajectory
+    likelihood = minus_twice_log_likelihood(rows) + float(size @ known @ size)
+    samples_as_one = 1.0 if setup.gyro_noise is None else max(setup.gyro_noise.correlation_time, 1.0)
+    gain = (minus_twice_log_likelihood(without) - likelihood) / samples_as_one
+    if not gain > ENOUGH:
+        return None
+    # Were the motion without a hinge caught in a local minimum, the path found with one would free it.
+    freed = at_own_levels(setup, without.problem, trajectory)
+    if freed is not None:
+        gain = min(gain, (minus_twice_log_likelihood(freed) - likelihood) / samples_as_one)
+    if not gain > ENOUGH:
+        return None
+    dof = float(len(size))
+    return ScoreTest(
+        HINGE,
+        size,
+        np.sqrt(np.diag(covariance)),
+        gain,
+        dof,
+        gain,
+        float(chi_square_tail(gain, dof)),
+        shift=setup.process.layout.local(doubted.trajectory, trajectory),
+    )
+
+
+def _smoothed_with(
+    hinged: _HingedMotion, without: LinearRows, setup: Setup, time: Float[np.ndarray, " k"]
+) -> LinearRows | None:
+    """The motion smoothed again while a hinge drives it as it drives this one, at the noise levels that it identifies."""
+    here = replace(without.here, trajectory=hinged.trajectory)
+    motion = SmoothedMotion(time, replace(without, here=here))
+    driven = np.zeros((len(time), setup.process.layout.error_dim))
+    driven[:, setup.process.layout.slice(RATE.name)] = hinge_drive(motion, hinged.size).angular
+    problem = replace(without.problem, motion=replace(without.problem.motion, driven=driven))
+    return at_own_levels(setup, problem, hinged.trajectory)
+
+
+def _with_hinge(
+    own: StateLayout, trajectory: Float[np.ndarray, "k m"], time: Float[np.ndarray, " k"]
+) -> _HingedMotion:
+    """The trajectory with the inertia, and its change, that conserve the angular momentum best; without a hinge where none does."""
+    none = _HingedMotion(trajectory, np.zeros(len(CHANGES)))
+    R = matrix_from_quaternion(trajectory[:, own.mean_slice(ATTITUDE.name)])
+    w = trajectory[:, own.mean_slice(RATE.name)]
+    share = 2 * (time - time[0]) / (time[-1] - time[0]) - 1
+    body = _conserving(own, trajectory, np.einsum("k,kij,sjl,kl->ski", share, R, SHAPES, w))
+    if body is None:
+        return none
+    change = np.tensordot(body.further, SHAPES, axes=1)
+    if not (_is_of_body(body.inertia + change) and _is_of_body(body.inertia - change)):
+        return none
+    values, axes = np.linalg.eigh(body.inertia)
+    narrow = axes / np.sqrt(values) @ axes.T
+    B = narrow @ change @ narrow
+    level = float(np.trace(B)) / 3
+    found = trajectory.copy()
+    found[:, own.mean_slice(MASS_DISTRIBUTION.name)] = from_inertia(body.inertia)
+    return _HingedMotion(
+        found, np.array([B[0, 1], B[0, 2], B[1, 2], B[0, 0] - level, level - B[2, 2], level])
+    )
 
 
 # A moving camera

@@ -1,5 +1,6 @@
 """A seeded sample of the hostile inputs; whole lists: ``python -m tests.hostile.malformed``, ``.attacks``, ``.plugins``."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from .attacks import attack_cases
 from .case import COMPARE, Case
 from .containers import container_cases
 from .equations import equation_cases
+from .forks import Forks
 from .full_disks import full_disk_cases
 from .fuzz import fuzzed_cases
 from .malformed import malformed_cases
@@ -93,9 +95,21 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def forks(folders: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
+    """A process with the models of the valid inputs, whose children run the commands."""
+    place = tmp_path_factory.mktemp("warm")
+    kinds = ("gyro", "pose", "stereo", "unmapped")
+    commands = [[*COMPARE[:1], str(folders / kind), "-o", str(place / kind), *COMPARE[4:]] for kind in kinds]
+    with Forks(commands) as started:
+        yield started
+
+
 @pytest.mark.parametrize("case", sample(), ids=lambda case: case.name)
-def test_a_hostile_input_ends_in_one_line_or_a_status(case: Case, folders: Path, tmp_path: Path) -> None:
-    assert tried(case, folders, tmp_path).violations == []
+def test_a_hostile_input_ends_in_one_line_or_a_status(
+    case: Case, folders: Path, tmp_path: Path, forks: Forks
+) -> None:
+    assert tried(case, folders, tmp_path, forks.run).violations == []
 
 
 def test_every_hostile_input_has_its_name() -> None:
@@ -113,6 +127,6 @@ def test_every_hostile_input_has_its_name() -> None:
     assert set(CRASHES) <= set(names)
 
 
-def test_a_violation_is_seen(folders: Path, tmp_path: Path) -> None:
+def test_a_violation_is_seen(folders: Path, tmp_path: Path, forks: Forks) -> None:
     case = Case("writes into the input", "gyro", arguments=(*COMPARE[:2], "-o", "{in}/run", *COMPARE[4:]))
-    assert "changed the user's run/summary.json" in tried(case, folders, tmp_path).violations
+    assert "changed the user's run/summary.json" in tried(case, folders, tmp_path, forks.run).violations

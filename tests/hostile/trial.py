@@ -11,6 +11,7 @@ import sys
 import time
 import traceback
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,11 +77,15 @@ class Outcome:
         return found
 
 
-def tried(case: Case, originals: Path, place: Path) -> Outcome:
-    """Make the input of a case in an empty folder and give it to the command."""
+Runner = Callable[[Case, Path], tuple[int, resource.struct_rusage]]
+"""Runs the command of a case that was made in a folder, in a child; its exit status and resources."""
+
+
+def tried(case: Case, originals: Path, place: Path, run: Runner | None = None) -> Outcome:
+    """Make the input of a case in an empty folder and give it to the command, by default in a child of this process."""
     made(case, originals, place)
     before = _digests(place / "in")
-    status, usage = _run(case, place)
+    status, usage = (run or run_forked)(case, place)
     after = _digests(place / "in")
     changed = {name for name in {*before, *after} if before.get(name) != after.get(name)}
     harmed = sorted(name for name in changed if case.keeps is None or name.startswith(case.keeps))
@@ -100,7 +105,7 @@ def made(case: Case, originals: Path, place: Path) -> None:
     case.change(place / "in")
 
 
-def _run(case: Case, place: Path) -> tuple[int, resource.struct_rusage]:
+def run_forked(case: Case, place: Path) -> tuple[int, resource.struct_rusage]:
     """Exit status and resources of the command in a child, which is killed when its time is over."""
     with warnings.catch_warnings():
         warnings.simplefilter(
@@ -131,6 +136,8 @@ def _be_command(case: Case, place: Path) -> None:
         if not case.pictures:
             figures._figures = lambda _: ()
         os.chdir(place / "out")
+        sys.dont_write_bytecode = True  # a full disk would cut what other processes read
+        os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
         for stream, name in ((sys.stdout, "printed.txt"), (sys.stderr, "said.txt")):
             stream.flush()
             os.dup2(
@@ -142,16 +149,11 @@ def _be_command(case: Case, place: Path) -> None:
         )
         if case.installs:
             sys.path.insert(0, str(place / "in" / "site"))
-            sys.dont_write_bytecode = True
             installed_plugins.cache_clear()
         if case.file_bytes is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (case.file_bytes, case.file_bytes))
         warnings.resetwarnings()
         warnings.showwarning = _show  # as the interpreter does, whatever a test runner has put in its place
-        if (
-            "distributed" in sys.modules
-        ):  # its threads are not there in a forked child, which would wait for them for ever
-            os.execv(sys.executable, [sys.executable, "-m", "spinfilters", *map(str, case.command(place))])
         code = main(case.command(place))
     except SystemExit as stop:  # argparse
         code = stop.code if isinstance(stop.code, int) else 1

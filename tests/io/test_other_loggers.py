@@ -469,6 +469,7 @@ AS_IT_IS: tuple[Callable[[Path], Path], ...] = (
         dataflash_text,
         dataflash,
         vicon,
+        gopro,
     ),
 )
 WITH_A_HINT: tuple[tuple[Callable[[Path], Path], dict[str, Any], str], ...] = (
@@ -476,7 +477,6 @@ WITH_A_HINT: tuple[tuple[Callable[[Path], Path], dict[str, Any], str], ...] = (
     (no_header, {"columns": "t,x,y,z", "unit": "deg/s"}, "--columns"),
     (bare_blanks, {"columns": "t,wx,wy,wz"}, "--columns"),
     (kitti, {"rate": 50.0}, "--rate"),
-    (gopro, {"columns": "t,-,wz,wx,wy,-", "clock": "ms"}, "name the columns"),
 )
 
 

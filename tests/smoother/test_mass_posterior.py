@@ -1,6 +1,8 @@
 """The marginal posterior of the mass distribution: where it is asked for, and what it says of a weak motion."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,11 +12,17 @@ from scipy.special import ndtr, ndtri
 from spinfilters import compare, simulate
 from spinfilters.core.importance_weights import smoothed_weights
 from spinfilters.core.mass_distribution import exponential
-from spinfilters.models.body import MassSamples
+from spinfilters.evaluation.stated_errors import quantity_errors
+from spinfilters.inference import smoother_run
+from spinfilters.inference.smoother_run import LARGEST_SAMPLED_NEES, NOT_GAUSSIAN
+from spinfilters.models.body import MassSamples, body_estimate, turn_of_axes
+from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.smoother.mass_posterior import (
     SAMPLES,
+    SampledMass,
     even_points,
     log_volume_ratio,
+    motion_widening,
     shares_of_nodes,
     traceless_part,
 )
@@ -98,8 +106,86 @@ def test_a_rich_motion_is_not_sampled() -> None:
     assert run.summary["estimators"]["smoother"]["principal_moments_interval"] is None
 
 
-def test_a_gaussian_that_misses_most_of_the_posterior_is_told() -> None:
+def test_samples_of_a_gaussian_belief_state_its_axes_and_their_deviations() -> None:
+    layout, random = StateLayout(("s",)), np.random.default_rng(1)
+    belief = Gaussian(layout, np.array([0.3, -0.2, 0.1, 0.05, -0.1]), 0.01 * np.eye(5))
+    points = layout.retract(np.tile(belief.mean, (4000, 1)), 0.01 * random.standard_normal((4000, 5)))
+    of_belief = body_estimate(belief)
+    found = MassSamples(points, np.full(4000, 1 / 4000), 0.0, 0.0).body(of_belief)
+    assert found.principal_axes_std == pytest.approx(of_belief.principal_axes_std, rel=0.15)
+    turn = turn_of_axes(of_belief.principal_axes_g, found.principal_axes_g)
+    assert (np.abs(turn) < 0.1 * of_belief.principal_axes_std).all()
+
+
+def test_axes_do_not_depend_on_the_belief_that_is_given_samples() -> None:
+    random = np.random.default_rng(2)
+    points = np.array([0.3, -0.2, 0.1, 0.05, -0.1]) + 0.1 * random.standard_normal((300, 5))
+    mass = MassSamples(points, np.full(300, 1 / 300), 0.0, 0.0)
+    layout = StateLayout(("s",))
+    bodies = [mass.body(body_estimate(Gaussian(layout, mean, 0.1 * np.eye(5)))) for mean in points[:2]]
+    np.testing.assert_array_equal(bodies[0].principal_axes_g, bodies[1].principal_axes_g)
+    assert (mass.weights @ mass.turns(mass.principal_axes)) == pytest.approx(np.zeros(3), abs=1e-5)
+
+
+def test_axes_whose_moments_are_equal_are_stated_as_undetermined() -> None:
+    # a sphere to within the samples: their axes point anywhere
+    points = 1e-3 * np.random.default_rng(3).standard_normal((1000, 5))
+    body = MassSamples(points, np.full(1000, 1e-3), 0.0, 0.0).body(
+        body_estimate(Gaussian(StateLayout(("s",)), np.zeros(5), 1e-3 * np.eye(5)))
+    )
+    assert (body.principal_axes_std > 0.5).all()
+
+
+def test_a_gaussian_that_misses_most_of_the_posterior_does_not_state_the_axes() -> None:
     # the samples lie along a ridge of which the Gaussian about the mode follows the tangent
     data = simulate("pose", rate_rpm=WEAK_RPM, frames=100, seed=3)
-    reasons = compare(data, ["smoother"]).summary["estimators"]["smoother"]["reasons"]
-    assert any("not Gaussian" in each for each in reasons)
+    run = compare(data, ["mekf", "smoother"], verdict="filter")
+    smoother, mekf = (run[name].evaluation for name in ("smoother", "mekf"))
+    assert smoother.history.mass is not None
+    assert smoother.history.mass.gaussian_nees > LARGEST_SAMPLED_NEES
+    np.testing.assert_array_equal(mekf.body.principal_axes_g, smoother.body.principal_axes_g)
+    assert NOT_GAUSSIAN not in run["smoother"].checks
+    for name in ("smoother", "mekf"):
+        errors = quantity_errors(run[name].evaluation)
+        assert max(float(each[-1]) for each in errors.values()) < 3.5, name
+
+
+@pytest.mark.parametrize(("gaussian", "told"), [(0.9, True), (0.3, False)])
+def test_samples_that_cannot_be_relied_upon_are_told_where_a_gaussian_does_not_do(
+    gaussian: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = simulate("pose", rate_rpm=WEAK_RPM, frames=60, seed=3)
+    made = smoother_run.sampled_mass
+
+    def unreliable(*arguments: Any) -> SampledMass | None:
+        """Samples with weights of an infinite variance."""
+        found = made(*arguments)
+        assert found is not None
+        mass = replace(found.mass, shape=0.8, gaussian_shape=gaussian, gaussian_nees=1.0)
+        return replace(found, mass=mass)
+
+    monkeypatch.setattr(smoother_run, "sampled_mass", unreliable)
+    run = compare(data, ["mekf", "smoother"], verdict="filter")
+    for name in ("mekf", "smoother"):
+        assert run[name].evaluation.history.mass is None
+        assert (NOT_GAUSSIAN in run[name].checks) == told, name
+
+
+def test_deviations_of_the_motion_cover_the_samples_of_the_mass_distribution() -> None:
+    # the rate follows one number with a slope of 2; the Gaussian knows that to 0.01, its samples are 0.03 wide
+    layout = StateLayout(("w", "s"))
+    factor = np.zeros((8, 8))
+    factor[:3, :3] = 0.1 * np.eye(3)
+    s = layout.slice("s")
+    factor[s, s] = 0.01 * np.eye(5)
+    factor[0, s.start] = 0.02
+    random = np.random.default_rng(4)
+    d = np.zeros((2000, 8))
+    d[:, s.start] = 0.03 * random.standard_normal(2000)
+    d[:, 0] = 2 * d[:, s.start]
+    mean = np.zeros((1, layout.mean_dim))
+    trajectories = layout.retract(np.repeat(mean, 2000, axis=0), d)[:, np.newaxis]
+    times = motion_widening(layout, mean, factor[np.newaxis], trajectories, np.full(2000, 1 / 2000))[0]
+    expected = np.sqrt((0.1**2 + 0.06**2) / (0.1**2 + 0.02**2))
+    assert times[0] == pytest.approx(expected, rel=0.02)
+    np.testing.assert_array_equal(times[1:], np.ones(7))

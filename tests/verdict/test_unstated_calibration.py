@@ -15,7 +15,7 @@ from spinfilters.run.estimation import Comparison
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.model_faults import faulty_recording, model_faults
-from spinfilters.simulation.scenario import Scenario
+from spinfilters.simulation.scenario import Scenario, without_noise
 from spinfilters.verdict.calibration_errors import possible_deviation
 
 DEFAULT, PLAUSIBLE = 1e-3, 0.05
@@ -76,6 +76,28 @@ def test_an_error_that_residuals_determine_well_keeps_its_default() -> None:
 
 def test_an_error_that_residuals_contradict_is_as_large_as_they_show() -> None:
     assert possible_deviation(0.03, 0.002, DEFAULT, PLAUSIBLE) == pytest.approx(0.03, rel=0.02)
+
+
+def test_an_error_that_residuals_show_beyond_what_is_plausible_is_as_large_as_they_show() -> None:
+    assert possible_deviation(0.5, 0.1, DEFAULT, PLAUSIBLE) == pytest.approx(0.5, rel=0.1)
+
+
+def test_moments_before_a_gyro_of_a_wrong_scale_are_not_said_to_hold_where_they_are_wrong() -> None:
+    scenario = Scenario.simplified(
+        kind="gyro",
+        principal_moments=(1.0, 0.6, 0.5),
+        rate_rpm=(80.0, 180.0, 60.0),
+        epochs=42,
+        interval=0.02,
+        noise=ProcessNoise(4e-8, 1e-6),
+        seed=5051,
+    )
+    seeds = tuple(np.random.SeedSequence([5051, 1115]).spawn(3))
+    dataset = faulty_recording(scenario, model_faults()["gyro-scale"], 0.42, seeds)
+    dataset = without_noise(replace(dataset, options=replace(dataset.options, calibration={})))
+    (found,) = compare_dataset(dataset, Settings(estimators=("smoother",))).evaluations
+    errors, holds = quantity_errors(found), found.history.status.holds
+    assert not [name for name, each in errors.items() if holds[name] == "ok" and each[-1] > 4.0]
 
 
 def test_an_error_that_residuals_hardly_determine_is_a_few_times_its_default() -> None:

@@ -18,6 +18,7 @@ from spinfilters.models.calibration import (
     BASELINE,
     CLOCK_SCALE,
     FOCAL_LENGTH,
+    GYRO_SCALE_ERROR,
     INSPECTOR_CLOCK,
     INSPECTOR_LEVER,
     INSPECTOR_ROTATION,
@@ -149,6 +150,14 @@ FLYWHEEL: Final = Alternative(
     plausible=1.0,
     block=ROTOR,
     held_by={"process": {"rotor": True}},
+)
+HINGE: Final = Alternative(
+    "hinge",
+    "parts that move inside (a hinge, an elbow)",
+    "of the moments",
+    columns_of.hinge,
+    "lock the joint: a body that is not rigid has no constant moments",
+    plausible=0.3,
 )
 CLOCK_DRIFT: Final = Alternative(
     "clock-drift",
@@ -303,6 +312,7 @@ ALTERNATIVES: Final[tuple[Alternative, ...]] = (
         plausible=0.1,
         block=GYRO_SCALE,
         held_by={"initialisation": {"gyro_scale_error_std": GYRO_SCALE.prior_std}},
+        parameter=GYRO_SCALE_ERROR,
     ),
     Alternative(
         "gyro-misalignment",
@@ -320,14 +330,7 @@ ALTERNATIVES: Final[tuple[Alternative, ...]] = (
         "set the gyro's bandwidth well above the wobble",
         plausible=0.1,
     ),
-    Alternative(
-        "hinge",
-        "parts that move inside (a hinge, an elbow)",
-        "of the moments",
-        columns_of.hinge,
-        "lock the joint: a body that is not rigid has no constant moments",
-        plausible=0.3,
-    ),
+    HINGE,
     Alternative(
         "inspector-delay",
         # Of a uniform circle about a resting body a turned frame i, which nothing shows.

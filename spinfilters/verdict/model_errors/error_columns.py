@@ -5,7 +5,7 @@ apply. The order is that of a recording: what moves the body, what a clock, a gy
 table `alternatives` says of each what it is, how large it may be and what to do about it.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -36,6 +36,23 @@ SHEARS: Final = np.array(
     dtype=float,
 )
 """Basis of the symmetric matrices without trace."""
+CHANGES: Final = np.concatenate([SHEARS, np.eye(3)[np.newaxis]])
+"""Basis of the symmetric matrices; the last one brakes the rotation as drag does."""
+
+
+class Drive(NamedTuple):
+    """Angular acceleration of an error of a size, in addition to that of the state.
+
+    Attributes
+    ----------
+    angular : (k, 3) float array
+        rad/s^2, g axes.
+    by_size : (k, 3, m) float array
+        Its derivative by the size.
+    """
+
+    angular: Float[np.ndarray, "k 3"]
+    by_size: Float[np.ndarray, "k 3 m"]
 
 
 # Forces and torques
@@ -103,19 +120,37 @@ def constant_torque(motion: SmoothedMotion) -> Columns:
 
 
 def hinge(motion: SmoothedMotion) -> Columns:
-    """Linear change of the inertia over time, as of a hinge.
+    """Linear change of the inertia over time, as of a hinge, to first order (`hinge_drive`).
 
-    J gains J^1/2 B J^1/2 s, B symmetric and traceless, s from -1 to 1: with D for it J w' loses (D s)' w, and turns with D s w.
-    About the smoothed motion J dw' = (D s w) x w - D s w' - D s' w. What is constant is of the body's own
-    shape, and a B that is a multiple of the identity brakes the rotation as drag does.
+    Without the change that brakes the rotation as drag does.
     """
-    J, w, change = motion.inertia, motion.rates, motion.rate_change
+    return motion.disturbed(angular=hinge_drive(motion, np.zeros(len(SHEARS))).by_size)
+
+
+def hinge_drive(motion: SmoothedMotion, size: Float[np.ndarray, " m"]) -> Drive:
+    """What a linear change of the inertia over time adds to w'.
+
+    K = J + s D, with D = J^1/2 B J^1/2 and s from -1 to 1; B is symmetric, of the coefficients ``size`` of the first of `CHANGES`.
+    With K for J
+
+        w' = K^-1 ((K w) x w - s' D w),      dw'/dB = K^-1 (s (D_B w) x w - s D_B w' - s' D_B w).
+
+    What is constant is of the body's own shape.
+    """
+    J, w = motion.inertia, motion.rates
     half = (motion.time[-1] - motion.time[0]) / 2
-    share = ((motion.time - motion.time[0]) / half - 1)[:, None]
+    s = ((motion.time - motion.time[0]) / half - 1)[:, None]
     values, axes = np.linalg.eigh(J)
     root = axes * np.sqrt(values) @ axes.T
-    gained = [share * (np.cross(w @ D, w) - change @ D) - w @ D / half for D in root @ SHEARS @ root]
-    return motion.disturbed(angular=np.linalg.solve(J, np.stack(gained, axis=2)))
+    parts = root @ CHANGES[: len(size)] @ root
+    D = np.tensordot(size, parts, axes=1)
+    K = J + s[:, :, None] * D
+    # the rates change by what the state holds, and by what K adds to J
+    added = np.cross(w @ D, w) * s - w @ D / half - s * motion.rate_change @ D
+    added = np.linalg.solve(K, added[:, :, None])[:, :, 0]
+    change = motion.rate_change + added
+    gained = [s * (np.cross(w @ part, w) - change @ part) - w @ part / half for part in parts]
+    return Drive(added, np.linalg.solve(K, np.stack(gained, axis=2)))
 
 
 def energy_loss(motion: SmoothedMotion) -> Columns:
