@@ -368,8 +368,8 @@ def main() -> None:
 
     lines = iter(sys.stdin.buffer)
     with suppress(KeyboardInterrupt, BrokenPipeError):
-        for module in ("energies", "scene", "summary", "time_courses"):
-            __import__(f"spinfilters.plots.{module}")
+        from spinfilters.plots import scene, summary, time_courses  # noqa: F401 - loaded while the first estimator runs
+
         picture_bytes(note_figure("fonts are found and loaded"), "png", dpi=50)
         painter = _Painter()
         requests: dict[str, Callable[..., None]] = {
