@@ -111,7 +111,7 @@ def at_own_levels(setup: Setup, problem: Problem, trajectory: Float[np.ndarray, 
 LEAST_SPREAD: Final = 1e-3
 """Singular value of the momentum's fit relative to the largest, below which the motion says nothing of a direction."""
 ENOUGH: Final = 10.0
-"""Of -2 ln likelihood that a flywheel takes off, from which it is a cause worth a name."""
+"""Of -2 ln likelihood that a fitted error takes off, from which it is a cause worth a name."""
 
 
 def with_flywheel_refit(models: TestedModels, settings: Settings, motion: DoubtedMotion) -> TestedModels:
@@ -159,15 +159,9 @@ def _flywheel_test(motion: DoubtedMotion, samples_as_one: float) -> ScoreTest | 
     if without is None or found is None:
         return None
     layout, likelihood = problem.layout, minus_twice_log_likelihood(found)
-    gain = (minus_twice_log_likelihood(without) - likelihood) / samples_as_one
-    if not gain > ENOUGH:
-        return None
-    # Were the motion without a flywheel caught in a local minimum, the path found with one would free it.
     there = _narrow(setup.process.layout, layout, found.here.trajectory)
-    freed = at_own_levels(setup, without.problem, there)
-    if freed is not None:
-        gain = min(gain, (minus_twice_log_likelihood(freed) - likelihood) / samples_as_one)
-    if not gain > ENOUGH:
+    gain = _gain_of_fit(setup, without, _FittedPath(there, likelihood), samples_as_one)
+    if gain is None:
         return None
     marginals = Marginals(found.solution, found.normal.eliminated)
     factor = marginals.first_factors(1)[0, layout.slice(ROTOR.name)]
@@ -183,6 +177,33 @@ def _flywheel_test(motion: DoubtedMotion, samples_as_one: float) -> ScoreTest | 
         beyond,
         shift=setup.process.layout.local(trajectory, there),
     )
+
+
+class _FittedPath(NamedTuple):
+    """A path found with an error, in the layout without it, and its -2 ln likelihood."""
+
+    trajectory: Float[np.ndarray, "k m"]
+    minus_twice_log_likelihood: float
+
+
+def _gain_of_fit(
+    setup: Setup, without: LinearRows, found: _FittedPath, samples_as_one: float
+) -> float | None:
+    """By how much -2 ln likelihood falls with an error, where that is `ENOUGH`; else None.
+
+    Were the motion without the error caught in a local minimum, the path found with it would free it.
+    """
+
+    def gain(rows: LinearRows) -> float:
+        return (minus_twice_log_likelihood(rows) - found.minus_twice_log_likelihood) / samples_as_one
+
+    gained = gain(without)
+    if not gained > ENOUGH:
+        return None
+    freed = at_own_levels(setup, without.problem, found.trajectory)
+    if freed is not None:
+        gained = min(gained, gain(freed))
+    return gained if gained > ENOUGH else None
 
 
 def _problem_with_flywheel(setup: Setup, count: int) -> Problem:
@@ -331,14 +352,8 @@ def _hinge_test(doubted: DoubtedMotion) -> ScoreTest | None:
     trajectory = rows.here.trajectory
     likelihood = minus_twice_log_likelihood(rows) + float(size @ known @ size)
     samples_as_one = 1.0 if setup.gyro_noise is None else max(setup.gyro_noise.correlation_time, 1.0)
-    gain = (minus_twice_log_likelihood(without) - likelihood) / samples_as_one
-    if not gain > ENOUGH:
-        return None
-    # Were the motion without a hinge caught in a local minimum, the path found with one would free it.
-    freed = at_own_levels(setup, without.problem, trajectory)
-    if freed is not None:
-        gain = min(gain, (minus_twice_log_likelihood(freed) - likelihood) / samples_as_one)
-    if not gain > ENOUGH:
+    gain = _gain_of_fit(setup, without, _FittedPath(trajectory, likelihood), samples_as_one)
+    if gain is None:
         return None
     dof = float(len(size))
     return ScoreTest(

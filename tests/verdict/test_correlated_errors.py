@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
+from smoothed_motions import motion_near
 
 from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.setup import Setup
@@ -14,14 +15,12 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.measurement_faults import with_gauss_markov_errors
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map, without_noise
-from spinfilters.verdict import model_tests as model_errors
 from spinfilters.verdict.model_errors.correlated_errors import (
     CorrelatedErrors,
     ExplainedErrors,
     correlated_errors,
     observation_correlation,
 )
-from spinfilters.verdict.model_errors.hypotheses import solved_near
 from spinfilters.verdict.model_errors.linear_rows import LinearRows
 from spinfilters.verdict.model_errors.noise_likelihood import LikelyLevels, LinearMotion, curvature
 
@@ -126,11 +125,7 @@ def prepared(kind: str, correlation: float) -> Setup:
 def solved(kind: str, correlation: float) -> LinearRows:
     """About the most probable motion."""
     setup = prepared(kind, correlation)
-    trajectory = setup.initial.mean
-    problem = model_errors.linear_problem(setup, setup.timeline[: len(trajectory)])
-    rows = solved_near(problem, trajectory, model_errors.landmarks_placed(problem, trajectory))
-    assert rows is not None
-    return rows
+    return motion_near(setup, setup.initial.mean).rows
 
 
 def found(kind: str, correlation: float) -> CorrelatedErrors | None:

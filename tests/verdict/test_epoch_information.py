@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 from jaxtyping import Float
+from smoothed_motions import motion_near
 
-from spinfilters.filters.timeline import times_of
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.verdict import model_tests as model_errors
 from spinfilters.verdict.model_errors.error_columns import clock_jitter
-from spinfilters.verdict.model_errors.hypotheses import solved_near
 from spinfilters.verdict.model_errors.linear_rows import Columns
 from spinfilters.verdict.model_errors.noise_components import information_by_epoch
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
@@ -25,11 +23,7 @@ def smoothed(kind: str) -> SmoothedMotion:
     dataset = without_map(dataset) if dataset.known_map is not None else dataset
     settings = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # pyright: ignore[reportArgumentType]
     setup = prepare(dataset, settings)
-    problem = model_errors.linear_problem(setup, setup.timeline[: len(setup.initial.mean)])
-    points = model_errors.landmarks_placed(problem, setup.initial.mean)
-    rows = solved_near(problem, setup.initial.mean, points)
-    assert rows is not None
-    return SmoothedMotion(times_of(setup.timeline[: len(setup.initial.mean)]), rows)
+    return motion_near(setup, setup.initial.mean)
 
 
 def of_one_epoch(motion: SmoothedMotion, columns: Columns, epoch: int) -> Columns:

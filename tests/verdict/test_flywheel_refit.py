@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 from plain_comparison import plain_comparison
+from smoothed_motions import motion_near
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.mass_distribution import inertia_matrix
-from spinfilters.filters.timeline import times_of
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_blocks import ROTOR
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
@@ -16,9 +16,6 @@ from spinfilters.run.estimation import Comparison
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.model_faults import AXIS, faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
-from spinfilters.verdict.model_errors.hypotheses import solved_near
-from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.verdict.model_tests import landmarks_placed, linear_problem
 from spinfilters.verdict.tested_models import model_findings
 
 SETTINGS = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
@@ -84,9 +81,6 @@ def test_a_body_without_a_flywheel_gets_none() -> None:
 def test_the_rates_of_a_smoothed_motion_change_as_a_flywheel_turns_them() -> None:
     comparison = compared(0.6, rotor=True)
     setup, trajectory = comparison.setup, comparison.evaluations[0].history.mean
-    problem = linear_problem(setup, setup.timeline)
-    rows = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
-    assert rows is not None
-    motion = SmoothedMotion(times_of(setup.timeline), rows)
+    motion = motion_near(setup, trajectory)
     slope = np.gradient(motion.rates, motion.time, axis=0)[1:-1]
     np.testing.assert_allclose(motion.rate_change[1:-1], slope, atol=0.1 * np.abs(slope).max())

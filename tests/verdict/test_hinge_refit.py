@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 from plain_comparison import plain_comparison
+from smoothed_motions import motion_near
 
-from spinfilters.filters.timeline import times_of
 from spinfilters.models.process import ProcessNoise
 from spinfilters.run.estimation import Comparison
 from spinfilters.settings.run_settings import Settings
@@ -14,9 +14,7 @@ from spinfilters.simulation.model_faults import OPENED, faulty_recording, model_
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 from spinfilters.verdict.model_errors.alternatives import FLYWHEEL, HINGE
 from spinfilters.verdict.model_errors.error_columns import CHANGES, hinge_drive
-from spinfilters.verdict.model_errors.hypotheses import solved_near
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.verdict.model_tests import landmarks_placed, linear_problem
 from spinfilters.verdict.refits import DoubtedMotion, with_hinge_refit
 
 SETTINGS = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
@@ -42,12 +40,8 @@ def compared() -> Comparison:
 @cache
 def motion() -> SmoothedMotion:
     """The smoothed motion of that recording."""
-    (evaluation,), setup = compared().evaluations, compared().setup
-    problem = linear_problem(setup, setup.timeline)
-    mean = evaluation.history.mean
-    rows = solved_near(problem, mean, landmarks_placed(problem, mean))
-    assert rows is not None
-    return SmoothedMotion(times_of(setup.timeline), rows)
+    (evaluation,) = compared().evaluations
+    return motion_near(compared().setup, evaluation.history.mean)
 
 
 def test_the_derivative_of_what_a_hinge_drives_is_that_of_finite_differences() -> None:

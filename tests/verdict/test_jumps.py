@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 from plain_comparison import plain_comparison
+from smoothed_motions import motion_near
 
 from spinfilters.core.attitude_conversions import multiply
-from spinfilters.filters.timeline import times_of
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -29,8 +29,6 @@ from spinfilters.simulation.scenario import (
     without_map,
     without_noise,
 )
-from spinfilters.verdict import model_tests as model_errors
-from spinfilters.verdict.model_errors.hypotheses import solved_near
 from spinfilters.verdict.model_errors.jumps import (
     FEWEST_STEPS,
     KINDS,
@@ -67,12 +65,7 @@ def smoothed(kind: str) -> SmoothedMotion:
     """About the most probable motion; tracks without their map."""
     dataset = simulate(replace(scenario(kind), epochs=40))
     setup = prepare(without_map(dataset) if dataset.known_map is not None else dataset, WHOLE)
-    epochs = setup.timeline[: len(setup.initial.mean)]
-    problem = model_errors.linear_problem(setup, epochs)
-    placed = model_errors.landmarks_placed(problem, setup.initial.mean)
-    rows = solved_near(problem, setup.initial.mean, placed)
-    assert rows is not None
-    return SmoothedMotion(times_of(epochs), rows)
+    return motion_near(setup, setup.initial.mean)
 
 
 @pytest.mark.parametrize("kind", ["pose", "gyro", "stereo-tracks"])

@@ -5,9 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from smoothed_motions import motion_near
 
 from spinfilters.core.chi_square import chi_square_tail, fisher_tail
-from spinfilters.filters.timeline import build_timeline, times_of
+from spinfilters.filters.timeline import build_timeline
 from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.dataset import Dataset
@@ -25,7 +26,6 @@ from spinfilters.verdict.model_errors.hypotheses import (
     is_settled,
     minus_twice_log_likelihood,
     noise_of,
-    solved_near,
     with_refused_in_a_row,
 )
 from spinfilters.verdict.model_errors.linear_rows import Columns, LinearRows
@@ -56,12 +56,7 @@ def prepared(kind: str) -> Setup:
 def smoothed(kind: str) -> SmoothedMotion:
     """About the most probable motion."""
     setup = prepared(kind)
-    trajectory = setup.initial.mean
-    problem = model_errors.linear_problem(setup, setup.timeline[: len(trajectory)])
-    placed = model_errors.landmarks_placed(problem, trajectory)
-    rows = solved_near(problem, trajectory, placed)
-    assert rows is not None
-    return SmoothedMotion(times_of(setup.timeline[: len(trajectory)]), rows)
+    return motion_near(setup, setup.initial.mean)
 
 
 def columns_of(kind: str) -> Columns:
