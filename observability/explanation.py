@@ -32,9 +32,10 @@ from observability.symmetry import (
     State,
     Symmetry,
     gauge_axes,
+    gauge_rotations,
+    gauge_translations,
     inertial_symmetries,
     principal_symmetries,
-    rotation_of_g,
     scaled,
     shifted_points,
     turn,
@@ -152,15 +153,9 @@ class GeometricMoves:
         ``spin``: an axis far from the rate's, None of a body that does not rotate.
         """
         if "c" in values:
-            yield from (
-                Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shift_along(k), 0.05)
-                for k in range(3)
-            )
+            yield from gauge_translations(_shift_along)
         if "q" in values:
-            yield from (
-                Symmetry("gauge rotation", rotation_of_g(axis.name), self._turn_about(axis), 0.3)
-                for axis in self.axes
-            )
+            yield from gauge_rotations(self.axes, self._turn_about)
         if self.scale_held:
             yield Symmetry("scale of the inertia", "scale of the inertia", self._heavier, 0.2)
         if "c" in values:

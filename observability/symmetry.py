@@ -1,6 +1,6 @@
 """Symmetries of a system, and those that move its principal axes: finite moves that no measurement notices."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -120,6 +120,18 @@ def _rate_in_g(values: Values) -> Expression:
     return rotate(values["q_gb"], values["w"]) if "q_gb" in values else values["w"]
 
 
+def gauge_translations(shift: Callable[[int], Move]) -> Iterator[Symmetry]:
+    """Moves of the origin of g in the body, by the move along each of its axes."""
+    for k in range(3):
+        yield Symmetry("gauge translation", f"translation of g along {AXES[k]}", shift(k), 0.05)
+
+
+def gauge_rotations(axes: Sequence[GaugeAxis], turn_about: Callable[[GaugeAxis], Move]) -> Iterator[Symmetry]:
+    """Rotations of g in the body, by the move about each of its free axes."""
+    for axis in axes:
+        yield Symmetry("gauge rotation", rotation_of_g(axis.name), turn_about(axis), 0.3)
+
+
 def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Symmetry]:
     """Moves of the observer's frame i.
 
@@ -197,14 +209,9 @@ def principal_symmetries(
 def _gauge_and_scales(values: dict[str, Expression], axes: list[GaugeAxis]) -> Iterator[Symmetry]:
     """Symmetries of g's place in the body, scales, and single masses."""
     if "c" in values:
-        yield from (
-            Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shift_along(k), 0.05)
-            for k in range(3)
-        )
+        yield from gauge_translations(_shift_along)
     if "q_gb" in values:
-        yield from (
-            Symmetry("gauge rotation", rotation_of_g(axis.name), _turn_about(axis), 0.3) for axis in axes
-        )
+        yield from gauge_rotations(axes, _turn_about)
     if "J" in values:
         yield Symmetry("scale of the inertia", "scale of the inertia", _heavier, 0.2)
     if "r" in values:
