@@ -501,7 +501,10 @@ def _stated_columns(
 ) -> ArrayColumns:
     """The columns, or rows, of the one array that has as many as names are stated, with a clock of as many rows beside it.
 
-    InputError: none or several have.
+    Raises
+    ------
+    InputError
+        No array, or several, have as many columns or rows.
     """
     fitting = {
         name: array if array.shape[1] == len(stated) else array.T

@@ -254,7 +254,10 @@ def read_echoed_messages(path: Path, options: ReadingOptions) -> Dataset:
 def _messages(path: Path) -> Iterator[dict[str, float]]:
     """Numbers of each message by their path with dots, such as header.stamp.sec; the last only if a line of hyphens ends it.
 
-    InputError: no UTF-8, or nested too deep.
+    Raises
+    ------
+    InputError
+        The text is no UTF-8, or nested too deep.
     """
     message: dict[str, float] = {}
     above: list[tuple[int, str]] = []

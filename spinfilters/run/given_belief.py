@@ -65,7 +65,10 @@ def given_belief(dataset: Dataset, options: InitialisationOptions) -> GivenIniti
 def _defining_g(options: InitialisationOptions) -> InitialisationOptions:
     """The belief whose first pose defines frame g: no map does, and landmarks are placed by it.
 
-    InputError: an error of that pose is stated.
+    Raises
+    ------
+    InputError
+        An error of that pose is stated.
     """
     stated = [word for word in POSE_WORDS if word in options.std]
     if stated or options.covariance:
