@@ -159,6 +159,10 @@ def _of_devices(names: Sequence[str], found: list[str]) -> list[str]:
     ):  # of HIGHRES_IMU and HIL_SENSOR in rad/s, of SCALED_IMU in mrad/s; of RAW_IMU in counts
         unit = "rad/s" if "abs_pressure" in names else "mrad/s" if "time_boot_ms" in names else ""
         found = [f"{name} ({unit})" if unit and name in _MAVLINK else name for name in found]
+    if any(
+        name.startswith("centreOfRotation") for name in names
+    ):  # OpenFOAM, whose omega is in the global axes
+        found = ["" if name.startswith("omega") else name for name in found]
     if "current_time_step" in names:  # Isaac Sim, scalar first
         scalar_first = {f"orientation[{k}]": f"q{axis}" for k, axis in enumerate("wxyz")}
         found = [scalar_first.get(name.rpartition(".")[2], name) for name in found]

@@ -338,6 +338,9 @@ def motion_columns(
     if not {"rate", "quaternion", "matrix", "mrp"} & found.keys():
         understood = [_of_source(name) for name in understood]
         found, headings = _vectors(path, names, understood, bare)
+    if not {"rate", "quaternion", "matrix", "mrp"} & found.keys():
+        understood = _with_quaternion(understood)
+        found, headings = _vectors(path, names, understood, bare)
     if options.topic is not None:
         raise InputError(
             f"{path_text(path)}: topic does not apply: no body {value_text(options.topic)} has a quaternion; leave it out"
@@ -350,6 +353,21 @@ def motion_columns(
         return MotionColumns(None, found)
     clock = _clock(path, names, headings, found, is_date)
     return MotionColumns(clock, found, None if clock is None else _fraction(*clock, names))
+
+
+_FOUR: Final = re.compile(r"(.*?)([wxyz])(\s*[(\[].*)?", re.IGNORECASE)
+"""A name that ends with an axis."""
+
+
+def _with_quaternion(names: Sequence[str]) -> list[str]:
+    """Names of which the only four that differ in their last letter alone, w, x, y or z, are called a quaternion, as ox to ow."""
+    groups: dict[str, dict[str, int]] = {}
+    for k, name in enumerate(names):
+        if matched := _FOUR.fullmatch(name.strip()):
+            groups.setdefault(matched[1], {})[matched[2].lower()] = k
+    whole = [own for stem, own in groups.items() if len(own) == 4 and not _NOT_MEASURED.search(stem)]
+    axes = {k: axis for axis, k in whole[0].items()} if len(whole) == 1 else {}
+    return [f"q{axes[k]}" if k in axes else name for k, name in enumerate(names)]
 
 
 _RATE_END: Final = re.compile(

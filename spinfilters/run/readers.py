@@ -399,8 +399,11 @@ class TypedRowsReader(StatedReader):
 class ArrayExportReader(StatedReader):
     """Files of named arrays; columns are known by their names as those of a text table."""
 
-    name, order, words = "array-export", 45, "a .npz, .mat, .h5, .parquet or .json of arrays"
-    suffixes = (".npz", ".mat", ".h5", ".hdf5", ".parquet", ".pq", ".json")
+    name, order, words = "array-export", 45, "a .npz, .mat, .h5, .nc, .parquet, .feather or .json of arrays"
+    suffixes = (
+        *(".npz", ".mat", ".h5", ".hdf5", ".nc", ".parquet", ".pq", ".feather", ".arrow"),
+        *(".json", ".jsonl", ".ndjson"),
+    )
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the arrays that describe a motion."""
@@ -507,6 +510,53 @@ class OpenSimReader(StatedReader):
         return read_opensim_table(path, self.options)
 
 
+class ArrayFileReader(ArrayExportReader):
+    """Single arrays, asked for behind others' readers: what they hold has no names."""
+
+    name, order, words = "array-file", 54, "an array .npy"
+    suffixes = (".npy",)
+
+
+class VectorCellsReader(StatedReader):
+    """Tables with vectors in brackets."""
+
+    name, order, words = "vector-cells", 92, "a table of vectors in brackets"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the first rows of a text hold vectors in brackets."""
+        if not is_file_named(path, (".csv", ".tsv", ".txt", ".dat", ".log", ".out")):
+            return False
+        from spinfilters.io.vector_cells import has_vector_cells
+
+        return has_vector_cells(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the table."""
+        from spinfilters.io.vector_cells import read_vector_cells
+
+        return read_vector_cells(path, self.options)
+
+
+class WordedRowsReader(StatedReader):
+    """Logs of several sensors without a header."""
+
+    name, order, words = "worded-rows", 93, "a log of rows told by a word"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the first rows of a text are told by words, some of them by that of a gyro."""
+        if not is_file_named(path, (".csv", ".txt", ".dat", ".log", ".data", ".nmea")):
+            return False
+        from spinfilters.io.worded_rows import has_worded_rows
+
+        return has_worded_rows(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates of the gyro."""
+        from spinfilters.io.worded_rows import read_worded_rows
+
+        return read_worded_rows(path, self.options)
+
+
 class OtherFolderReader(DatasetReader):
     """Any folder that no other reader recognises: refused with what it lacks."""
 
@@ -528,12 +578,12 @@ class MotionFileReader(StatedReader):
     name, order, words = "motion-table", 95, "a gyro .csv"
 
     def recognises(self, path: Path) -> bool:
-        """Whether a file is a single table, by suffix and name, and not a part of a data set folder."""
-        if not is_file_named(path, (".csv", ".tsv", ".tab", ".txt", ".dat", ".asc", ".log", ".data")):
-            return False
-        from spinfilters.io.motion_file import is_motion_file
+        """Whether a file is a single table, by suffix and name or its first rows, and not a part of a data set folder."""
+        from spinfilters.io.motion_file import has_rows_of_numbers, is_motion_file
 
-        return is_motion_file(path)
+        if is_file_named(path, (".csv", ".tsv", ".tab", ".txt", ".dat", ".asc", ".log", ".data")):
+            return is_motion_file(path)
+        return has_rows_of_numbers(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the table."""
@@ -577,7 +627,10 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     PoseGraphReader(),
     LabviewReader(),
     OpenSimReader(),
+    ArrayFileReader(),
     OtherFolderReader(),
+    VectorCellsReader(),
+    WordedRowsReader(),
     MotionFileReader(),
     SensorTableReader(),
 )
