@@ -49,9 +49,8 @@ _SENSORS: Final = ("gyroscope", "gyroscopeuncalibrated", "gyro", "imu")
 def read_array_export(path: Path, options: ReadingOptions) -> Dataset:
     """Data set of the arrays that describe a motion."""
     suffix, names = path.suffix.lower(), options.column_names
-    has_names = suffix in (".parquet", ".pq", ".feather", ".arrow")
     is_json = suffix in (".json", ".jsonl", ".ndjson")
-    taken = ("unit", "clock", "rate", *([] if has_names else ["columns"]), *(["topic"] if is_json else []))
+    taken = ("unit", "clock", "rate", "columns", *(["topic"] if is_json else []))
     options.require_only(taken, "a file of arrays")
     require_file(path, LARGEST)
     columns = _json(path, options) if is_json else _READERS[suffix](path, names)
@@ -373,12 +372,13 @@ def _feather(path: Path, stated: Sequence[str]) -> ArrayColumns:
         table = file.read_all().select(kept)
         _require_size(path, 8 * table.num_rows * len(kept))
         arrays = {
-            name: column.to_numpy() for name, column in zip(table.column_names, table.columns, strict=True)
+            name: _numbers_of_column(column)
+            for name, column in zip(table.column_names, table.columns, strict=True)
         }
     return _columns_of(path, arrays, stated)
 
 
-def _parquet(path: Path, _stated: Sequence[str]) -> ArrayColumns:
+def _parquet(path: Path, stated: Sequence[str]) -> ArrayColumns:
     """Columns of a Parquet file. InputError: without pyarrow, or another file."""
     try:
         from pyarrow import ArrowException, parquet
@@ -401,16 +401,36 @@ def _parquet(path: Path, _stated: Sequence[str]) -> ArrayColumns:
                 )
             _require_size(path, 8 * file.metadata.num_rows * len(names))
             table = file.read(columns=names)
-        arrays = {name: table[name].to_numpy() for name in names}
+        arrays = {name: _numbers_of_column(table[name]) for name in names}
     except (ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError) as error:
         raise InputError(
             f"{path_text(path)}: is no whole Parquet file ({reason(error)}); write it again"
         ) from None
-    return _columns_of(path, arrays)
+    return _columns_of(path, arrays, stated)
+
+
+_IN_LISTS: Final = re.compile(r"(?:fixed_size_|large_)?list<\w+: (.*?)>(?:\[\d+\])?")
+"""Arrow's name of a column of lists."""
+
+
+def _numbers_of_column(column: Any) -> np.ndarray:
+    """Numbers of a column of Arrow, a row for each list of a column of lists. ValueError: lists that differ in length."""
+    if _IN_LISTS.fullmatch(str(column.type)) is None:
+        return column.to_numpy()
+    numbers = column.combine_chunks().flatten().to_numpy(zero_copy_only=False)
+    if (
+        not len(column)
+        or len(numbers) % len(column)
+        or {len(each) for each in column.to_pylist()} != {len(numbers) // len(column)}
+    ):
+        raise ValueError("its lists differ in length")
+    return numbers.reshape(len(column), -1)
 
 
 def _is_number(kind: str) -> bool:
     """Whether columns of an Arrow type are numbers or instants: of others, such as texts, a small file may unpack to any size."""
+    if matched := _IN_LISTS.fullmatch(kind):
+        kind = matched[1]
     return kind.startswith(("int", "uint", "float", "halffloat", "double", "timestamp", "date", "duration"))
 
 
@@ -478,11 +498,12 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
     InputError
         No array of numbers; none or several that have the stated columns; one array whose columns have no names.
     """
-    if stated:
-        tables = {name: np.asarray(held) for name, held in arrays.items() if np.ndim(held) == 2}
+    tables = {name: np.asarray(held) for name, held in arrays.items() if np.ndim(held) == 2} if stated else {}
+    if stated and any(len(stated) in array.shape for array in tables.values()):
         return _stated_columns(path, tables, stated, _clocks_of(arrays))
     if (
-        len(arrays) == 1
+        not stated
+        and len(arrays) == 1
         and (shape := np.shape(next(iter(arrays.values()))))
         and len(shape) == 2
         and min(shape) > 3
@@ -512,6 +533,8 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
         elif name == "qpos" and array.shape[1:] == (7,) and np.shape(arrays.get("qvel", ()))[1:] == (6,):
             # MuJoCo's state of one free body; the rate in qvel is left out beside the pose
             columns |= dict(zip(("px", "py", "pz", "qw", "qx", "qy", "qz"), array.T, strict=True))
+        elif array.dtype.kind in "iuf" and array.ndim == 2 and array.shape[1] <= _WIDEST:
+            columns |= {_component(name, f" part {k}"): column for k, column in enumerate(array.T)}
     lengths = [len(column) for column in columns.values()]
     if not lengths:
         raise InputError(
@@ -519,15 +542,31 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
         )
     headings = [heading_of(name) for name in columns]
     unnamed = next((held for held in arrays.values() if np.ndim(held) == 2 and min(np.shape(held)) > 4), None)
-    if unnamed is not None and all(
-        heading is not None and heading.quantity == "time" for heading in headings
-    ):
+    are_clocks = all(
+        heading is not None and heading.quantity == "time"
+        for name, heading in zip(columns, headings, strict=True)
+        if " part " not in name
+    )
+    if unnamed is not None and are_clocks and not stated:
         raise InputError(
             f"{path_text(path)}: does not say what the {min(np.shape(unnamed))} numbers of each sample are; "
             f"{how_to_name(_rows_of(unnamed))}"
         )
     commonest = max(set(lengths), key=lambda n: (lengths.count(n), n))
-    return array_columns({k: column for k, column in columns.items() if len(column) == commonest}, path)
+    columns = {k: column for k, column in columns.items() if len(column) == commonest}
+    if not stated:
+        return replace(array_columns(columns, path), takes_names=True)
+    if len(stated) != len(columns):
+        raise InputError(
+            f"{path_text(path)}: the stated columns are {len(stated)}, its arrays have {len(columns)}, and none has as many as are "
+            "stated; name every column, with - for those to leave out"
+        )
+    kept = {name: column for name, column in zip(stated, columns.values(), strict=True) if name != "-"}
+    return array_columns(kept, path)
+
+
+_WIDEST: Final = 16
+"""Numbers of a row of an array that may have names of their own."""
 
 
 def _rows_of(array: Any) -> np.ndarray:

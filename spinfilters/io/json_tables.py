@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, reason, value_text
@@ -253,9 +253,36 @@ def _of_rows(
     for called in kinds if len(kinds) <= 1000 else kinds[:1]:
         own = [row for row in flat if kind is None or str(row.get(kind, "")) == called]
         names = [name for name in own[0] if name != kind]
-        columns = _by_last_name({name: [row.get(name) for row in own] for name in names})
+        columns = _by_last_name(_with_units({name: [row.get(name) for row in own] for name in names}))
         where = ".".join((*place, *([called] if len(kinds) > 1 else [])))
         yield JsonTable(where, _with_quantity(columns, place, above), _rate_beside(above))
+
+
+def _with_units(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    """Columns of which those beside a text that is called unit, the same in all rows, have this unit in their names."""
+    units = {
+        name.rpartition(".")[0]: values[0]
+        for name, values in columns.items()
+        if name.rpartition(".")[2] in ("unit", "units")
+        and isinstance(values[0], str)
+        and values.count(values[0]) == len(values)
+    }
+    return {
+        f"{name} ({units[name.rpartition('.')[0]]})"
+        if _is_axis(name) and name.rpartition(".")[0] in units
+        else name: values
+        for name, values in columns.items()
+    }
+
+
+def _is_axis(name: str) -> bool:
+    """Whether a column is a component."""
+    heading = heading_of(name)
+    return (
+        heading is not None
+        and bool(heading.axis)
+        and heading.quantity in ("rate", "acceleration", "position")
+    )
 
 
 def _with_quantity(
@@ -340,7 +367,7 @@ def _unnested(row: Mapping[str, Any], depth: int = 0) -> dict[str, Any]:
     return flat
 
 
-def _is_matrix(value: Any) -> bool:
+def _is_matrix(value: Any) -> TypeGuard[list[list[Any]]]:
     """Whether a value is the matrix of a rotation or of a rigid transformation, row by row."""
     if not isinstance(value, list) or (len(value), _width(value)) not in _MATRICES:
         return False

@@ -55,13 +55,22 @@ _ACCELERATION_UNITS = {
     **dict.fromkeys(("mg",), "mg"),
 }
 _LENGTH_UNITS = {"m": "m", "mm": "mm", "cm": "cm"}
+_WORDED_UNITS = frozenset(unit for unit in (*_RATE_UNITS, *_ACCELERATION_UNITS) if len(unit) > 2) | {
+    "mm",
+    "cm",
+}
+"""Units that as a word between others say nothing else."""
 
 _BRACKETS = re.compile(r"\s*[(\[{]\s*([^()\[\]{}]*?)\s*[)\]}]\s*$")
 _TIME_WORD = re.compile(
-    r"(?:t|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
+    r"(?:t|ts|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
     r"system|local|sample|monotonic|field|start|in|realtime|tout|"
     r"zeit|temps|tiempo|tempo)"
 )
+_OF_DATES = re.compile(
+    r"utcg?|gmt|tai|local|iso ?8601|h{1,2}:m{1,2}:s{1,2}(?:[.,:][0-9sfx]+)?|(?:yyyy|dd|mm)[-/.].*"
+)
+"""Brackets behind a clock that say how its times are written, or in which zone."""
 _WHOSE_CLOCK = re.compile(
     r"current|rtc|simulation|sim|host|node|log|packet|capture|message|msg|receive|received|publish|published"
 )
@@ -189,8 +198,9 @@ def _time(words: list[str], unit: str) -> Heading | None:
     others = named if named or is_late or unit or spelled else others
     if not all(_TIME_WORD.fullmatch(word) for word in others) or len(spelled) > 1:
         return None
-    if unit and unit not in _BRACKETED_TIME:
+    if unit and unit not in _BRACKETED_TIME and not _OF_DATES.fullmatch(unit):
         return None
+    unit = unit if unit in _BRACKETED_TIME else ""
     return Heading(
         "time", FOREIGN if is_late else "", _BRACKETED_TIME[unit] if unit else next(iter(spelled), "")
     )
@@ -232,6 +242,11 @@ def _stem_and_axis(words: list[str]) -> tuple[str, str, str]:
         tail = _spell_unit("/".join(words[-count:]))
         if len(words) > count and tail in (*_RATE_UNITS, *_ACCELERATION_UNITS, *_LENGTH_UNITS):
             unit, words = tail, words[:-count]
+            break
+    for count in (2, 1):  # a unit in front of the axis: omega_radps_x
+        behind = _spell_unit("/".join(words[-1 - count : -1]))
+        if not unit and len(words) > count + 1 and words[-1] in tuple("xyz") and behind in _WORDED_UNITS:
+            unit, words = behind, [*words[: -1 - count], words[-1]]
             break
     joined = "".join(words)
     if len(words) > 1 and len(words[-1]) == 1 and words[-1] in "xyzw":
@@ -352,7 +367,8 @@ def motion_columns(
     if options.rate is not None:
         return MotionColumns(None, found)
     clock = _clock(path, names, headings, found, is_date)
-    return MotionColumns(clock, found, None if clock is None else _fraction(*clock, names))
+    fraction = None if clock is None else _fraction(*clock, names) or _fraction(*clock, understood)
+    return MotionColumns(clock, found, fraction)
 
 
 _FOUR: Final = re.compile(r"(.*?)([wxyz])(\s*[(\[].*)?", re.IGNORECASE)

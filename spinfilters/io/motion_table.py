@@ -520,7 +520,7 @@ def _quantity(
     if columns.time is None and options.rate is None:
         raise InputError(
             f"{path_text(path)}: header {value_text(', '.join(names))}: no column is a clock; name it time_s, or give "
-            f"{to_state('rate', 'HZ')}{_or_names(source, found, options)}"
+            f"{to_state('rate', 'HZ')}{_or_names(source, columns, options)}"
         )
     is_unit = {"rate", "acceleration"} <= found.keys() and "position" not in found
     if "quaternion" in found and (not is_unit or bare == "quaternion"):
@@ -534,22 +534,23 @@ def _quantity(
     if "position" in found:
         raise InputError(
             f"{path_text(path)}: header {value_text(', '.join(names))}: has positions without a quaternion; name its columns "
-            f"qx,qy,qz,qw, or export quaternions, because three angles do not show their order{_or_names(source, found, options)}"
+            f"qx,qy,qz,qw, or export quaternions, because three angles do not show their order{_or_names(source, columns, options)}"
         )
     raise InputError(
         f"{path_text(path)}: header {value_text(', '.join(names))}: contains no body rate about each of x, y, z; name the columns "
-        f"such as {EXAMPLE} (rad/s) or time_s,wx_dps,wy_dps,wz_dps{_or_names(source, found, options)}"
+        f"such as {EXAMPLE} (rad/s) or time_s,wx_dps,wy_dps,wz_dps{_or_names(source, columns, options)}"
     )
 
 
-def _or_names(source: NamedColumns, found: dict[Quantity, VectorColumns], options: ReadingOptions) -> str:
+def _or_names(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> str:
     """What else to state: names of the columns, as far as their numbers show what they are; empty where they do not."""
     if (
         options.columns is not None
         or not source.takes_names
-        or {"rate", "quaternion", "matrix", "mrp"} & found.keys()
+        or {"rate", "quaternion", "matrix", "mrp"} & columns.vectors.keys()
     ):
         return ""
     rows, are_numbered = numbers_of(source), len({re.sub(r"\d+", "", name) for name in source.names}) == 1
-    proposed = proposed_columns(rows)
-    return f"; or {how_to_name(rows)}" if show_motion(proposed) or (proposed and are_numbered) else ""
+    clock = None if columns.time is None else columns.time[0]
+    proposed = proposed_columns(rows, clock)
+    return f"; or {how_to_name(rows, clock)}" if show_motion(proposed) or (proposed and are_numbered) else ""

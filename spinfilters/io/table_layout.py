@@ -306,6 +306,8 @@ def _header(line: str, below: str) -> TableLayout | None:
         return None
     if separator is None and not _has_cells(below, len(names)):
         return None  # a sentence
+    if separator == "\t" and line.startswith(separator) and len(below.split(separator)) == len(names) + 1:
+        names = ("", *names)
     # settings in front of a header have two cells or no numbers below
     if below and len(below.split(separator)) < min(3, len(names)):
         return None

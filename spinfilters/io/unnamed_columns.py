@@ -39,15 +39,17 @@ _AT_REST: Final = ((5.0, 15.0), (0.5, 1.5))
 """Medians of an accelerometer, in m/s^2 and g."""
 
 
-def how_to_name(rows: Float[np.ndarray, "n m"]) -> str:
+def how_to_name(rows: Float[np.ndarray, "n m"], clock: int | None = None) -> str:
     """What to state of rows without names, for a message; the general form where their numbers do not show what they are.
 
     Parameters
     ----------
     rows : Float[np.ndarray, 'n m']
         First rows, NaN in cells that are no numbers.
+    clock : int | None
+        Column that is known to be the clock.
     """
-    proposed = proposed_columns(rows)
+    proposed = proposed_columns(rows, clock)
     if not proposed:
         return f"give {to_state('columns', 't,x,y,z')}, with - for those to leave out"
     words = f"give {to_state('columns', ' or '.join(map(','.join, proposed)))}"
@@ -65,7 +67,7 @@ def show_motion(proposed: Sequence[Sequence[str]]) -> bool:
     return bool(proposed) and "x" not in proposed[0]
 
 
-def proposed_columns(rows: Float[np.ndarray, "n m"]) -> list[list[str]]:
+def proposed_columns(rows: Float[np.ndarray, "n m"], clock: int | None = None) -> list[list[str]]:
     """Names of the columns, - for those to leave out: one list, or one for each order of a quaternion; none if nothing is found."""
     rows = np.asarray(rows, dtype=np.float64)[:ROWS]
     if rows.ndim != 2 or len(rows) < _FEWEST or not 3 <= rows.shape[1] <= MOST_COLUMNS:
@@ -74,7 +76,8 @@ def proposed_columns(rows: Float[np.ndarray, "n m"]) -> list[list[str]]:
     place = next((k for k in range(rows.shape[1] - 3) if all(free[k : k + 4]) and _is_unit(rows, k)), None)
     if place is not None:
         free[place : place + 4] = [False] * 4
-    names, clock, seconds = ["-"] * rows.shape[1], _clock(rows, free), _parted_clock(rows, free)
+    names, seconds = ["-"] * rows.shape[1], _parted_clock(rows, free) if clock is None else None
+    clock = _clock(rows, free) if clock is None else clock
     if seconds is not None:
         names[seconds : seconds + 2], free[seconds : seconds + 2] = _PARTS, [False, False]
         rows, clock = rows.copy(), seconds
@@ -107,7 +110,9 @@ def proposed_columns(rows: Float[np.ndarray, "n m"]) -> list[list[str]]:
 
 
 def numbers_of_lines(lines: Sequence[str], delimiter: str | None) -> Float[np.ndarray, "n m"]:
-    """Numbers of lines of as many cells as the first, a date in seconds, and NaN for other words."""
+    """Numbers of lines of as many cells as the first, a date in seconds, and NaN for other words; without an empty last cell."""
+    if delimiter is not None and all(line.rstrip().endswith(delimiter) for line in lines[:ROWS]):
+        lines = [line.rstrip().removesuffix(delimiter) for line in lines[:ROWS]]
     cells = [[cell.strip().strip('"') for cell in line.split(delimiter)] for line in lines[:ROWS]]
     return np.array([[_number(cell) for cell in row] for row in cells if len(row) == len(cells[0])])
 

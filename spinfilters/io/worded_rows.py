@@ -47,7 +47,7 @@ SENTENCES: Final[dict[str, tuple[str, ...]]] = {
 """Fields of the ASCII messages of VectorNav with rates; scalar last."""
 
 
-class _Row(NamedTuple):
+class _WordedRow(NamedTuple):
     """Line of a row, its word, and its numbers with how many of them stand in front of the word."""
 
     line: int
@@ -105,7 +105,7 @@ def _is_rate(word: str) -> bool:
     return heading is not None and heading.quantity == "rate"
 
 
-def _row(number: int, line: str) -> _Row | None:
+def _row(number: int, line: str) -> _WordedRow | None:
     """A line of numbers with one word, in front of them or behind at most three of them; None of another."""
     text = _CHECKSUM.sub("", line.strip())
     marks = re.findall(r"[,;\t|]", text)
@@ -119,7 +119,7 @@ def _row(number: int, line: str) -> _Row | None:
         numbers = tuple(parse_number(cell) for k, cell in enumerate(cells) if k != places[0] and cell)
     except ValueError:
         return None
-    return _Row(number, cells[places[0]], places[0], numbers)
+    return _WordedRow(number, cells[places[0]], places[0], numbers)
 
 
 def _names(path: Path, word: str, table: np.ndarray) -> list[str]:

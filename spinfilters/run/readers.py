@@ -517,6 +517,19 @@ class ArrayFileReader(ArrayExportReader):
     suffixes = (".npy",)
 
 
+class BvhReader(StatedReader):
+    """Motion of a skeleton."""
+
+    name, order, words = "bvh", 55, "a skeleton's motion (.bvh)"
+    suffixes = (".bvh",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Poses of the root."""
+        from spinfilters.io.bvh_file import read_bvh
+
+        return read_bvh(path, self.options)
+
+
 class VectorCellsReader(StatedReader):
     """Tables with vectors in brackets."""
 
@@ -628,6 +641,7 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     LabviewReader(),
     OpenSimReader(),
     ArrayFileReader(),
+    BvhReader(),
     OtherFolderReader(),
     VectorCellsReader(),
     WordedRowsReader(),

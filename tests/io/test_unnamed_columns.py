@@ -53,6 +53,11 @@ def array(folder: Path) -> Path:
     return folder / "run.npy"
 
 
+def named_arrays(folder: Path) -> Path:
+    np.savez(folder / "demo.npz", object_pos=PLACE, object_quat=TURN, time=TIME)
+    return folder / "demo.npz"
+
+
 def rows_of_lists(folder: Path) -> Path:
     path = folder / "log.json"
     path.write_text(json.dumps({"samples": np.column_stack([TIME, RATES]).tolist()}))
@@ -69,7 +74,12 @@ def marked_rows(folder: Path) -> Path:
 
 @pytest.mark.parametrize(
     ("make", "choice", "stated"),
-    [(array, 0, {"unit": "rad/s"}), (rows_of_lists, 0, {"unit": "rad/s"}), (marked_rows, 1, {})],
+    [
+        (named_arrays, 0, {}),
+        (array, 0, {"unit": "rad/s"}),
+        (rows_of_lists, 0, {"unit": "rad/s"}),
+        (marked_rows, 1, {}),
+    ],
 )
 def test_the_columns_that_a_refusal_proposes_are_read(
     make: Callable[[Path], Path], choice: int, stated: dict[str, Any], tmp_path: Path
@@ -185,9 +195,34 @@ def told_by_a_word(folder: Path) -> Path:
     return text(folder / "logfile.txt", "% LogFile created by an app\n", lines, ";")
 
 
+def skeleton(folder: Path) -> Path:
+    head = (
+        "HIERARCHY\nROOT Hips\n{\n OFFSET 0 0 0\n CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n"
+        f" End Site\n {{\n  OFFSET 0 1 0\n }}\n}}\nMOTION\nFrames: {COUNT}\nFrame Time: 0.02\n"
+    )
+    angles = Rotation.from_quat(TURN).as_euler("ZXY", degrees=True)
+    return text(folder / "take.bvh", head, np.column_stack([100 * PLACE, angles]).tolist(), " ")
+
+
+def lists_in_parquet(folder: Path) -> Path:
+    pyarrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    columns = {"timestamp": TIME, "observation.angular_velocity": pyarrow.array(RATES.tolist())}
+    parquet.write_table(pyarrow.table(columns), folder / "episode.parquet")
+    return folder / "episode.parquet"
+
+
+def a_unit_in_front_of_the_axis(folder: Path) -> Path:
+    np.savez(folder / "a.npz", t=TIME, gyro_dps=DEGREES)
+    return folder / "a.npz"
+
+
 @pytest.mark.parametrize(
     ("make", "stated"),
     [
+        (skeleton, {"unit": "cm"}),
+        (lists_in_parquet, {}),
+        (a_unit_in_front_of_the_axis, {}),
         (records, {}),
         (netcdf, {}),
         (four_of_one_stem, {}),
@@ -260,3 +295,43 @@ def test_the_rates_of_openfoam_in_axes_of_space_are_no_body_rates(tmp_path: Path
     head = "# Motion State\n# Angle Units : radians\n# Time centreOfRotation centreOfMass rotation velocity omega\n"
     with pytest.raises(InputError, match="contains no body rate"):
         spinfilters.load(text(tmp_path / "sixDoFRigidBodyState.dat", head, rows, "\t"))
+
+
+def paths_of_topics(folder: Path) -> Path:
+    names = [
+        *("/imu/data/header/stamp/sec", "/imu/data/header/stamp/nanosec", "/imu/data/header/frame_id"),
+        *(f"/imu/data/angular_velocity/{axis}" for axis in "xyz"),
+    ]
+    rows = [(7, 20_000_000 * k, "imu", *rate) for k, rate in enumerate(RATES.tolist())]
+    return text(folder / "imu.csv", ",".join(names) + "\n", rows)
+
+
+def date_and_time(folder: Path) -> Path:
+    head = "Date (UTC),Time (UTC),Angular rate X (deg/s),Angular rate Y (deg/s),Angular rate Z (deg/s)\n"
+    rows = [("25/11/2026", f"10:11:{t:06.3f}", *rate) for t, rate in zip(TIME, DEGREES.tolist(), strict=True)]
+    return text(folder / "rt.csv", head, rows)
+
+
+def units_beside_values(folder: Path) -> Path:
+    rows = [
+        {"ts_ms": 20 * k, "angular_velocity": {**dict(zip("xyz", rate, strict=True)), "unit": "deg/s"}}
+        for k, rate in enumerate(DEGREES.tolist())
+    ]
+    path = folder / "stream.ndjson"
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    return path
+
+
+@pytest.mark.parametrize("make", [paths_of_topics, date_and_time, units_beside_values])
+def test_a_recording_whose_names_say_more_than_their_quantity_is_read(
+    make: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    require_motion(spinfilters.load(make(tmp_path)))
+
+
+def test_an_empty_cell_behind_each_row_is_no_column_to_name(tmp_path: Path) -> None:
+    rows = np.column_stack([TIME, PLACE, WXYZ]).tolist()
+    path = text(tmp_path / "vio.csv", "", [(*row, "") for row in rows])
+    with pytest.raises(InputError, match="or t,px,py,pz,qw,qx,qy,qz "):
+        spinfilters.load(path)
+    require_motion(spinfilters.load(path, columns="t,px,py,pz,qw,qx,qy,qz"))
