@@ -91,6 +91,9 @@ def _rows(path: Path, lines: list[str], first: int, count: int) -> np.ndarray:
                 f"{path_text(path)}: line {number}: does not hold the {count} numbers of a frame; correct or delete it"
             )
         rows.append(row)
-    if not rows:
-        raise InputError(f"{path_text(path)}: has no frames; export it again")
+    stated = lines[first - 2].strip().rpartition(" ")[2].rpartition("\t")[2]
+    if not rows or stated != str(len(rows)):
+        raise InputError(
+            f"{path_text(path)}: has {len(rows)} frames, and states {value_text(stated)}; export it again"
+        )
     return np.array(rows)

@@ -6,7 +6,10 @@ of their fields.
 """
 
 import re
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -84,13 +87,47 @@ def read_worded_rows(path: Path, options: ReadingOptions) -> Dataset:
                 f"{path_text(path)}: line {row.line}: has {len(row.numbers)} numbers, expected {len(rows[0].numbers)}; correct or "
                 "delete the line"
             )
+    if chosen[0] in SENTENCES:  # which have no clock, so that none may be missing
+        _require_whole(path, lines, chosen[0], {row.line for row in rows})
     table = np.array([row.numbers for row in rows], dtype=np.float64)
-    columns = dict(zip(_names(path, chosen[0], table), table.T, strict=True))
-    columns = {name: column for name, column in columns.items() if name}
+    names = _header(lines[: rows[0].line - 1], rows[0]) or _names(path, chosen[0], table)
+    columns = {name: column for name, column in zip(names, table.T, strict=True) if name}
     source = ArrayColumns(path, tuple(columns), tuple(columns.values()))
     return motion_dataset(
         path, f"{path.name}, {printable(chosen[0])}", motion_of(source, replace(options, topic=None))
     )
+
+
+def _require_whole(path: Path, lines: Sequence[str], word: str, whole: Collection[int]) -> None:
+    """InputError: a sentence of this word that is no row, or has another checksum than it states: the exclusive or of its bytes."""
+    for number, line in enumerate(map(str.strip, lines), start=1):
+        body, mark, stated = line.removeprefix("$").rpartition("*")
+        found = reduce(xor, body.encode("utf-8", "replace"), 0)
+        is_wrong = bool(mark) and len(stated) == 2 and f"{found:02X}" != stated.upper()
+        if (line.startswith(word) and number not in whole) or (line.startswith("$") and is_wrong):
+            raise InputError(f"{path_text(path)}: line {number}: {value_text(line)} is damaged; log it again")
+
+
+def _header(lines: Sequence[str], row: _WordedRow) -> list[str]:
+    """Names of the numbers of a row in a line above it, those called x, y and z by its word; none without such a line."""
+    for line in map(str.strip, lines):
+        marks = re.findall(r"[,;\t|]", line)
+        cells = [
+            cell.strip().strip('"')
+            for cell in line.split(max(set(marks), key=marks.count) if marks else None)
+        ]
+        if len(cells) == 1 + len(row.numbers) and not any(map(_is_number, cells)):
+            own = [cell for k, cell in enumerate(cells) if k != row.before]
+            return [f"{row.word}_{name}" if name.lower() in ("x", "y", "z") else name for name in own]
+    return []
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        parse_number(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_content(line: str) -> bool:

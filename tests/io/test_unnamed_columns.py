@@ -3,6 +3,8 @@
 import json
 import re
 from collections.abc import Callable
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from typing import Any, Final
 
@@ -171,7 +173,8 @@ def matrices_in_json(folder: Path) -> Path:
 
 def vectornav_sentences(folder: Path) -> Path:
     rows = np.column_stack([TURN, 0.3 * PLACE, FORCE, RATES]).tolist()
-    return text(folder / "vn.txt", "", [("$VNQMR", *row[:-1], f"{row[-1]}*5A") for row in rows])
+    bodies = [f"VNQMR,{','.join(map(repr, row))}" for row in rows]
+    return text(folder / "vn.txt", "", [(f"${body}*{reduce(xor, body.encode()):02X}",) for body in bodies])
 
 
 def paparazzi(folder: Path) -> Path:
@@ -217,9 +220,19 @@ def a_unit_in_front_of_the_axis(folder: Path) -> Path:
     return folder / "a.npz"
 
 
+def words_below_a_header(folder: Path) -> Path:
+    rows = [
+        row
+        for k, t in enumerate(TIME)
+        for row in (("ACC", 1000 * t, *FORCE[k]), ("GYRO", 1000 * t, *DEGREES[k]))
+    ]
+    return text(folder / "all.csv", "sensor,time_ms,x,y,z\n", rows)
+
+
 @pytest.mark.parametrize(
     ("make", "stated"),
     [
+        (words_below_a_header, {"unit": "deg/s"}),
         (skeleton, {"unit": "cm"}),
         (lists_in_parquet, {}),
         (a_unit_in_front_of_the_axis, {}),
@@ -335,3 +348,28 @@ def test_an_empty_cell_behind_each_row_is_no_column_to_name(tmp_path: Path) -> N
     with pytest.raises(InputError, match="or t,px,py,pz,qw,qx,qy,qz "):
         spinfilters.load(path)
     require_motion(spinfilters.load(path, columns="t,px,py,pz,qw,qx,qy,qz"))
+
+
+def test_a_skeleton_that_lacks_a_frame_is_refused(tmp_path: Path) -> None:
+    path = skeleton(tmp_path)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*lines[:-5], *lines[-4:]]))
+    with pytest.raises(InputError, match=f"has {COUNT - 1} frames, and states '{COUNT}'"):
+        spinfilters.load(path, unit="cm")
+
+
+def test_the_unit_of_a_skeleton_is_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--unit cm or m"):
+        spinfilters.load(skeleton(tmp_path))
+
+
+@pytest.mark.parametrize("damage", [("VNQMR", "VNQMQ", 0), ("0.3", "0.4", 0), ("*", "#", 12)])
+def test_a_damaged_sentence_of_a_log_without_a_clock_is_refused(
+    damage: tuple[str, str, int], tmp_path: Path
+) -> None:
+    path, (found, put, skipped) = vectornav_sentences(tmp_path), damage
+    lines = path.read_text().splitlines(keepends=True)
+    lines[skipped + 3] = lines[skipped + 3].replace(found, put)
+    path.write_text("".join(lines))
+    with pytest.raises(InputError, match=r"line \d+: .* is damaged"):
+        spinfilters.load(path, rate=50.0)
