@@ -1,10 +1,11 @@
-"""Rows of a gyro that only repeat the row before are left out where a logger wrote them, and nowhere else."""
+"""Rows of a sensor that only repeat the row before are left out where a logger wrote them, and nowhere else."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import write_dataset
@@ -78,3 +79,44 @@ def test_what_resolution_or_a_fault_repeats_is_kept(name: str, tmp_path: Path) -
     dataset = read(tmp_path, UNTOUCHED[name](rates()))
     assert len(dataset.log.stream("gyro")) == len(TIME)
     assert "left out" not in dataset.description
+
+
+def poses(columns: slice) -> Float[np.ndarray, "n c"]:
+    """Positions (m) and quaternions of a drifting body that spins about z, or some of these columns, with noise."""
+    random = np.random.default_rng(1)
+    turned = Rotation.from_rotvec(np.outer(2 * TIME, [0.0, 0.0, 1.0]))
+    turned = turned * Rotation.from_rotvec(DEVIATION * random.standard_normal((len(TIME), 3)))
+    position = np.outer(TIME, [0.1, -0.2, 0.0]) + DEVIATION * random.standard_normal((len(TIME), 3))
+    return np.hstack([position, turned.as_quat()])[:, columns]
+
+
+SLOW_SENSORS = {
+    "pose": ("t,px,py,pz,qx,qy,qz,qw", slice(None)),
+    "attitude": ("time_s,qx,qy,qz,qw", slice(3, None)),
+}
+
+
+def read_poses(folder: Path, header: str, values: Float[np.ndarray, "n c"]) -> Dataset:
+    """The data set of a table of these columns at 100 Hz."""
+    path = folder / "mine.csv"
+    rows = [",".join(map(repr, row)) for row in np.column_stack([TIME, values]).tolist()]
+    path.write_text("\n".join([header, *rows, ""]))
+    return read_dataset(path)
+
+
+@pytest.mark.parametrize("decimals", [12, 3])
+@pytest.mark.parametrize("sensor", SLOW_SENSORS)
+def test_values_of_a_slower_tracker_are_taken_once(sensor: str, decimals: int, tmp_path: Path) -> None:
+    header, columns = SLOW_SENSORS[sensor]
+    values = poses(columns).round(decimals)[np.arange(len(TIME)) // 2 * 2]
+    dataset = read_poses(tmp_path, header, values)
+    np.testing.assert_array_equal(dataset.log.stream(sensor).time, TIME[::2])
+    assert f"200 of 400 rows of the {sensor} repeat the row before" in dataset.description
+
+
+@pytest.mark.parametrize("sensor", SLOW_SENSORS)
+def test_rows_of_a_body_that_came_to_rest_are_kept(sensor: str, tmp_path: Path) -> None:
+    header, columns = SLOW_SENSORS[sensor]
+    values = poses(columns)
+    values[150:] = values[150]
+    assert len(read_poses(tmp_path, header, values).log.stream(sensor)) == len(TIME)
