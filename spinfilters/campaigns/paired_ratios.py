@@ -23,7 +23,7 @@ from spinfilters.plots.style import estimator_lines, tidy
 
 ESTIMATOR: Final = "estimator"
 SECONDS: Final = "processor time"
-MARKERS: Final = "osD^vP"
+MARKERS: Final = "osD^vPXp<>hd"
 """Of estimators in turn: there are more of them than colours."""
 FEWEST_PAIRS: Final = 3
 """Recordings that both estimators have, below which no interval is given."""

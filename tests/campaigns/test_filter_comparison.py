@@ -18,12 +18,14 @@ from spinfilters.campaigns.filter_comparison import (
     study_file,
     write_comparison_page,
 )
+from spinfilters.campaigns.paired_ratios import MARKERS
 from spinfilters.campaigns.rows_folder import RowsFolder, read_rows
 from spinfilters.campaigns.runner import Runner, asked, ended
 from spinfilters.campaigns.statistics import positive_mean
 from spinfilters.campaigns.study import Study, study_from
 from spinfilters.core.errors import InputError
 from spinfilters.plots.printing import PrintStyle
+from spinfilters.plots.style import estimator_lines
 from tests.campaigns.study_samples import gyro_document
 
 SHARES = {"smoother": 1.0, "mekf": 1.02, "ukf": 1.5}
@@ -167,3 +169,11 @@ def test_the_interval_of_a_positive_mean_holds_the_mean_of_few_runs() -> None:
     found = [positive_mean(generator.chisquare(20, 5) / 20) for _ in range(400)]
     share = np.mean([each.low <= 1.0 <= each.high for each in found])
     assert share == pytest.approx(0.95, abs=0.03)
+
+
+def test_no_two_estimators_of_a_ready_study_look_alike() -> None:
+    for name in NAMES:
+        estimators = list(dict.fromkeys(cell.estimator for cell in ready_study(name).cells))
+        colours = [line.color for line in estimator_lines(estimators)]
+        looks = {(colour, MARKERS[k % len(MARKERS)]) for k, colour in enumerate(colours)}
+        assert len(looks) == len(estimators)
