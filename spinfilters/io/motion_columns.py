@@ -72,7 +72,7 @@ _OF_DATES = re.compile(
 )
 """Brackets behind a clock that say how its times are written, or in which zone."""
 _WHOSE_CLOCK = re.compile(
-    r"current|rtc|simulation|sim|host|node|log|packet|capture|message|msg|receive|received|publish|published"
+    r"current|acquisition|rtc|simulation|sim|host|node|log|packet|capture|message|msg|receive|received|publish|published"
 )
 """Words that say whose time it is, and alone are no clock."""
 _LATE_WORD = re.compile(r"datetime|date|utc|gregorian|utime|unixtime|startup|offset|real|recording")

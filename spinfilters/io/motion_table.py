@@ -37,7 +37,7 @@ from spinfilters.io.stated_values import (
 )
 from spinfilters.io.table_layout import read_layout
 from spinfilters.io.text_table import Table
-from spinfilters.io.unnamed_columns import how_to_name, proposed_columns, show_motion
+from spinfilters.io.unnamed_columns import how_to_name, is_certain, proposed_columns
 
 SLOWEST: Final = 1.0
 FASTEST: Final = 8000.0
@@ -553,4 +553,4 @@ def _or_names(source: NamedColumns, columns: MotionColumns, options: ReadingOpti
     rows, are_numbered = numbers_of(source), len({re.sub(r"\d+", "", name) for name in source.names}) == 1
     clock = None if columns.time is None else columns.time[0]
     proposed = proposed_columns(rows, clock)
-    return f"; or {how_to_name(rows, clock)}" if show_motion(proposed) or (proposed and are_numbered) else ""
+    return f"; or {how_to_name(rows, clock)}" if is_certain(proposed) or (proposed and are_numbered) else ""

@@ -32,8 +32,7 @@ _OTHER_UNIT: Final = 0.1
 _PARTS: Final = ["stamp.sec", "stamp.nanosec"]
 """Names of a clock in two columns."""
 _ORDERS: Final = ("xyzw", "wxyz")
-_PLAIN_RATES: Final = ("wx", "wy", "wz")
-_RATE_NAMES: Final = {"rad/s": _PLAIN_RATES, "deg/s": ("gx_dps", "gy_dps", "gz_dps")}
+_RATE_NAMES: Final = {"rad/s": ("wx", "wy", "wz"), "deg/s": ("gx_dps", "gy_dps", "gz_dps")}
 _MOST_PROPOSED: Final = 3
 _AT_REST: Final = ((5.0, 15.0), (0.5, 1.5))
 """Medians of an accelerometer, in m/s^2 and g."""
@@ -62,8 +61,8 @@ def how_to_name(rows: Float[np.ndarray, "n m"], clock: int | None = None) -> str
     return words
 
 
-def show_motion(proposed: Sequence[Sequence[str]]) -> bool:
-    """Whether proposed names follow from the numbers alone, those of an attitude among them."""
+def is_certain(proposed: Sequence[Sequence[str]]) -> bool:
+    """Whether names are proposed that follow from the numbers, as those of an attitude do, and not three columns of any kind."""
     return bool(proposed) and "x" not in proposed[0]
 
 
@@ -76,6 +75,13 @@ def proposed_columns(rows: Float[np.ndarray, "n m"], clock: int | None = None) -
     place = next((k for k in range(rows.shape[1] - 3) if all(free[k : k + 4]) and _is_unit(rows, k)), None)
     if place is not None:
         free[place : place + 4] = [False] * 4
+        if place == 3 and all(free[:3]) and clock is None:  # a position that drifts rises as a clock does
+            return [
+                ["px", "py", "pz", *(f"q{axis}" for axis in order), *["-"] * (len(free) - 7)]
+                for order in _ORDERS
+            ]
+    elif (matrix := _matrix(rows, free)) is not None:
+        return [matrix if clock is None else [*matrix[:clock], "t", *matrix[clock + 1 :]]]
     names, seconds = ["-"] * rows.shape[1], _parted_clock(rows, free) if clock is None else None
     clock = _clock(rows, free) if clock is None else clock
     if seconds is not None:
@@ -93,9 +99,8 @@ def proposed_columns(rows: Float[np.ndarray, "n m"], clock: int | None = None) -
     if rates is not None:
         column, _, unit = rates
         free[column : column + 3] = [False] * 3
-        if (
-            not all(free[place - 3 : place]) or place < 3
-        ):  # attitudes of an inertial unit are made of its rates
+        # without a position it is an inertial unit, whose attitudes are made of its rates
+        if place < 3 or not all(free[place - 3 : place]):
             names[column : column + 3] = _RATE_NAMES[unit]
             return [names]
     if place >= 3 and all(free[place - 3 : place]):
@@ -175,6 +180,17 @@ def _parted_clock(rows: Float[np.ndarray, "n m"], free: Sequence[bool]) -> int |
 def _is_counter(column: Float[np.ndarray, " n"]) -> bool:
     """Whether a column counts rows."""
     return bool((np.diff(column) == 1).all())
+
+
+def _matrix(rows: Float[np.ndarray, "n m"], free: Sequence[bool]) -> list[str] | None:
+    """Names of the columns of which twelve are [R t] row by row, R a rotation; None without such."""
+    for k in range(rows.shape[1] - 11):
+        if all(free[k : k + 12]):
+            R = rows[:, k : k + 12].reshape(-1, 3, 4)[:, :, :3]
+            if (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) < _UNIT_NORM).all():
+                own = [f"r{i}{j}" if j < 4 else f"p{'xyz'[i - 1]}" for i in (1, 2, 3) for j in (1, 2, 3, 4)]
+                return ["-"] * k + own + ["-"] * (rows.shape[1] - k - 12)
+    return None
 
 
 def _is_unit(rows: Float[np.ndarray, "n m"], place: int) -> bool:

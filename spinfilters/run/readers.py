@@ -5,6 +5,7 @@ which is imported when a path is of it, or may be.
 """
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -20,7 +21,7 @@ from spinfilters.io.dataset_reader import (
     StatedReader,
     is_file_named,
 )
-from spinfilters.io.input_file import path_text, require_folder
+from spinfilters.io.input_file import first_text, path_text, require_folder
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.repeated_rows import without_repeated_rows
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
@@ -530,6 +531,12 @@ class BvhReader(StatedReader):
         return read_bvh(path, self.options)
 
 
+_HEAD: Final = 1 << 12
+_IN_BRACKETS: Final = re.compile(r"[(\[]\s*[-+.\d]")
+_WORD_AND_NUMBER: Final = re.compile(r"[A-Za-z]{2}[ \t,;|]+[-+.\d]")
+"""What the first lines of a table of vectors, and of rows told by a word, have at least."""
+
+
 class VectorCellsReader(StatedReader):
     """Tables with vectors in brackets."""
 
@@ -538,6 +545,8 @@ class VectorCellsReader(StatedReader):
     def recognises(self, path: Path) -> bool:
         """Whether the first rows of a text hold vectors in brackets."""
         if not is_file_named(path, (".csv", ".tsv", ".txt", ".dat", ".log", ".out")):
+            return False
+        if _IN_BRACKETS.search(first_text(path, _HEAD)) is None:
             return False
         from spinfilters.io.vector_cells import has_vector_cells
 
@@ -558,6 +567,8 @@ class WordedRowsReader(StatedReader):
     def recognises(self, path: Path) -> bool:
         """Whether the first rows of a text are told by words, some of them by that of a gyro."""
         if not is_file_named(path, (".csv", ".txt", ".dat", ".log", ".data", ".nmea")):
+            return False
+        if _WORD_AND_NUMBER.search(first_text(path, _HEAD)) is None:
             return False
         from spinfilters.io.worded_rows import has_worded_rows
 

@@ -33,6 +33,11 @@ HOMOGENEOUS[:, :3, :3], HOMOGENEOUS[:, :3, 3] = MATRICES, PLACE
         ((TIME, PLACE, TURN), ["t,px,py,pz,qx,qy,qz,qw", "t,px,py,pz,qw,qx,qy,qz"]),
         ((np.arange(COUNT), TIME, WXYZ), ["-,t,qx,qy,qz,qw", "-,t,qw,qx,qy,qz"]),
         ((np.arange(COUNT), -PLACE, TURN), ["-,px,py,pz,qx,qy,qz,qw", "-,px,py,pz,qw,qx,qy,qz"]),
+        ((PLACE, TURN), ["px,py,pz,qx,qy,qz,qw", "px,py,pz,qw,qx,qy,qz"]),
+        (
+            (np.arange(COUNT), HOMOGENEOUS[:, :3].reshape(COUNT, 12)),
+            ["-,r11,r12,r13,px,r21,r22,r23,py,r31,r32,r33,pz"],
+        ),
         ((TIME, WXYZ, SPUN), ["t,-,-,-,-,wx,wy,wz"]),
         ((1e9 * TIME, TURN, FORCE, SPUN_DEGREES), ["t,-,-,-,-,-,-,-,gx_dps,gy_dps,gz_dps"]),
         ((TIME, PLACE, WXYZ, SPUN_DEGREES), ["t,px,py,pz,qw,qx,qy,qz,-,-,-"]),
@@ -363,7 +368,7 @@ def test_the_unit_of_a_skeleton_is_asked_for(tmp_path: Path) -> None:
         spinfilters.load(skeleton(tmp_path))
 
 
-@pytest.mark.parametrize("damage", [("VNQMR", "VNQMQ", 0), ("0.3", "0.4", 0), ("*", "#", 12)])
+@pytest.mark.parametrize("damage", [("VNQMR", "VNQMQ", 0), ("VNQMR,0", "VNQMR,1", 0), ("*", "#", 12)])
 def test_a_damaged_sentence_of_a_log_without_a_clock_is_refused(
     damage: tuple[str, str, int], tmp_path: Path
 ) -> None:
