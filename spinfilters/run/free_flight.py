@@ -194,7 +194,8 @@ def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
 def _momentum_words(history: RotationHistory, force: float | None) -> str:
     tensor = inertia_tensor(history, 0, len(history.time))
     change = momentum_change(history, tensor)
-    words = f"momentum kept to {100 * change.error:.2g} %, falls {100 * change.loss:.1f} %, turns {np.rad2deg(change.turn):.1f} deg"
+    gone = f"{'falls' if change.loss > -5e-4 else 'grows'} {100 * abs(change.loss):.1f} %"
+    words = f"momentum kept to {100 * change.error:.2g} %, {gone}, turns {np.rad2deg(change.turn):.1f} deg"
     return words if force is None else f"{words}, force {force:.2g} m/s^2"
 
 
