@@ -96,7 +96,7 @@ def program_texts(options: EmbedOptions, start: StartState) -> dict[str, str]:
         column for block in options.layout.members for column in _columns(block.symbol, block.mean_size)
     )
     assert sensor.example is not None
-    unused = "" if options.layout.translates else ", not used without a position"
+    unused = "" if options.layout.translates else " (a state without a position does not use it)"
     begin = [
         f"/* Where the filter begins: {start.source}. In frame g; see README.md for the places of x. */",
         f'#define START_COLUMNS "{columns}"',
