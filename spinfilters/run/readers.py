@@ -27,8 +27,8 @@ from spinfilters.io.sensor_format import sensor_format, sensor_formats
 from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 
 
-def without_repeated_rates(dataset: Dataset) -> Dataset:
-    """The data set without rows that only repeat the rates before; its description says how many."""
+def without_rows_logged_again(dataset: Dataset) -> Dataset:
+    """The data set without rows that only repeat the row before; its description says how many."""
     streams, remarks = [], []
     for stream in dataset.log.streams:
         kept, remark = without_repeated_rows(stream)
@@ -164,7 +164,7 @@ def _check_dataset(reader: DatasetReader, dataset: Dataset) -> Dataset:
     """What a reader made, without rows that a logger wrote again, where a sensor's format says that loggers do."""
     require_made(dataset, Dataset, f"reader {reader.name!r}")
     logged_again = any(sensor_format(name).logged_again for name in dataset.log.sensors)
-    return without_repeated_rates(dataset) if logged_again else dataset
+    return without_rows_logged_again(dataset) if logged_again else dataset
 
 
 class DatasetFolderReader(DatasetReader):
