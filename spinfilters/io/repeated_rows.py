@@ -28,6 +28,8 @@ ON_THE_LINE: Final[float] = 0.02
 """Of the distance of measured rows from the line between their neighbours: rows that are nearer lie on it."""
 MEASURED: Final[float] = 0.95
 """Quantile of all distances that is one of a measured row: up to twenty rows for each that is measured."""
+ROUNDING: Final[float] = 1e-9
+"""Of the values: rows are off the line by no more where only a file's rounding moves them, as on a straight path without noise."""
 FEWEST_NEW: Final[int] = 5
 """Rows that show how often a component keeps its value."""
 
@@ -73,23 +75,22 @@ def _find_interpolated(stream: MeasurementStream) -> Bool[np.ndarray, " n"]:
     if form.quaternion == 0:
         values = values * _continuous_signs(values)[:, np.newaxis]
     before, here, after = values[:-2], values[1:-1], values[2:]
-    # Positions and rates lie between their neighbours; an interpolated quaternion lies in the plane of both and the origin, where
-    # its part along their sum is without meaning.
     if form.quaternion == 0:
-        middle = before + after
-        middle = middle / np.linalg.norm(middle, axis=1, keepdims=True)
-        here = here - (here * middle).sum(axis=1, keepdims=True) * middle
-        before, after = (
-            each - (each * middle).sum(axis=1, keepdims=True) * middle for each in (before, after)
+        # an interpolated quaternion lies in the plane of both; how long it is along their sum is a matter of its norm
+        norm = np.linalg.norm(before + after, axis=1, keepdims=True)
+        middle = (before + after) / np.where(norm > 0, norm, np.inf)
+        before, here, after = (
+            each - (each * middle).sum(axis=1, keepdims=True) * middle for each in (before, here, after)
         )
     across, step = after - before, here - before
     length = (across**2).sum(axis=1)
     along = (step * across).sum(axis=1) / np.where(length > 0, length, np.inf)
     distance = np.linalg.norm(step - along[:, np.newaxis] * across, axis=1)
     scale = float(np.quantile(distance, MEASURED))
-    lies = (distance <= ON_THE_LINE * scale) & (along > 0) & (along < 1)
-    made[1:-1] = lies
-    return made if scale > 0 and _share_followed(made) > FEWEST_BETWEEN else np.zeros_like(made)
+    made[1:-1] = (distance <= ON_THE_LINE * scale) & (along > 0) & (along < 1)
+    if scale <= ROUNDING * float(np.abs(values).max()) or _share_followed(made) <= FEWEST_BETWEEN:
+        return np.zeros_like(made)
+    return made
 
 
 def _continuous_signs(quaternions: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, " n"]:

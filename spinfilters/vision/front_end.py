@@ -244,6 +244,8 @@ MARGIN_SHARE: Final = 0.2
 """Of their extent, that is added to the margin."""
 FEWEST_SHARE: Final = 0.5
 """Of the last pair's points: fewer in that region, and the whole images are searched."""
+STAR_PX: Final = 2.0
+"""Half the width of a spot that is no part of a body."""
 GRID_PX: Final = 8
 """Between pixels of the fourth octave."""
 
@@ -334,8 +336,8 @@ class StereoPoints:
         return points.part(clear).moved(offset)
 
     def _body_box(self, distance: Float[np.ndarray, "h w"]) -> Region:
-        """Where points keep their margin from the background, with the detector's clearance: the body, but no star."""
-        column, row, width, height = cv2.boundingRect((distance >= MARGIN_PX).astype(np.uint8))
+        """The body, also where parts of it are as dark as the background, but no star; with the detector's clearance."""
+        column, row, width, height = cv2.boundingRect((distance > STAR_PX).astype(np.uint8))
         if not width:
             return _whole(distance)
         clearance = self._detectors[0].clearance

@@ -164,3 +164,10 @@ def test_rows_of_a_body_that_came_to_rest_are_kept(sensor: str, tmp_path: Path) 
     values = poses(columns)
     values[150:] = values[150]
     assert len(read_poses(tmp_path, header, values).log.stream(sensor)) == len(TIME)
+
+
+def test_a_straight_path_without_noise_is_kept(tmp_path: Path) -> None:
+    header, columns = SLOW_SENSORS["pose"]
+    values = poses(columns)
+    values[:, :3] = np.outer(TIME + 4.0, [0.1, -0.2, 0.3])
+    assert len(read_poses(tmp_path, header, values).log.stream("pose")) == len(TIME)

@@ -17,6 +17,7 @@ from spinfilters.run.readers import read_dataset
 from spinfilters.vision.front_end import FrontEndOptions, StereoPoints
 from spinfilters.vision.image_folder import (
     STAGE,
+    ImagePair,
     LossCount,
     PairReader,
     StampedPair,
@@ -79,10 +80,17 @@ def test_the_same_images_give_the_same_tracks(rendered_folder: Path, tracked: Tr
     assert again.losses.document == tracked.losses.document
 
 
-def test_around_the_last_points_the_same_points_are_found_as_in_whole_images(rendered_folder: Path) -> None:
+@pytest.mark.parametrize("brightness", [1.0, 0.1])
+def test_around_the_last_points_the_same_points_are_found_as_in_whole_images(
+    brightness: float, rendered_folder: Path
+) -> None:
     source = read_image_source(rendered_folder, LossCount())
     reader = PairReader(source.rectification.rig.size, LossCount())
-    first, second = [pair for pair in read_pairs(source.pairs[:2], reader) if pair is not None]
+    first, second = [
+        ImagePair(pair.time, *((brightness * image).astype(np.uint8) for image in pair[1:]))
+        for pair in read_pairs(source.pairs[:2], reader)
+        if pair is not None
+    ]
     of_part, of_whole = (StereoPoints(source.rectification, FrontEndOptions(), LossCount()) for _ in range(2))
     of_part.of(first)
     part, whole = (finder.of(second).values for finder in (of_part, of_whole))
