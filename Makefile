@@ -16,6 +16,9 @@ environment := @PYTHON='$(PYTHON)' sh .ci/environment.sh
 
 # small matrices gain nothing from threads, and results and times are steadier without
 export OMP_NUM_THREADS ?= 1
+# a worker of the tests for every processor, up to eight: more would wait for one another's memory; WORKERS=2 leaves the others free
+WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2); echo $$((n < 8 ? n : 8)))
+in_parallel = -n $(WORKERS) --dist worksteal
 # packages of another installation (ROS, say) must not shadow those of .venv
 unexport PYTHONPATH PYTHONHOME
 
@@ -25,13 +28,13 @@ compare:
 
 test:
 	$(environment) test
-	@$(bin)/python -m pytest -n 2 --dist worksteal
+	@$(bin)/python -m pytest $(in_parallel)
 
 quick := $(addprefix tests/,api core io models plots simulation test_repository.py)
 
 test-quick:
 	$(environment) test
-	@$(bin)/python -m pytest -q -n 2 --dist worksteal $(quick)
+	@$(bin)/python -m pytest -q $(in_parallel) $(quick)
 
 docs:
 	$(environment) docs
@@ -70,14 +73,14 @@ core-types:
 	set -- $$types; solved=no; \
 	while [ $$# -gt 1 ]; do \
 	  echo "numeric tests, OpenBLAS' core type $$1:"; \
-	  OPENBLAS_CORETYPE=$$1 $(bin)/python -m pytest -q -n 2 --dist worksteal $(filter-out $(small),$(numeric)) || status=1; \
+	  OPENBLAS_CORETYPE=$$1 $(bin)/python -m pytest -q $(in_parallel) $(filter-out $(small),$(numeric)) || status=1; \
 	  shift; solved=yes; \
 	done; \
 	echo "numeric tests, nothing compiled$${1:+, OpenBLAS' core type $$1}:"; \
-	env SPINFILTERS_COMPILE=off $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(interpreted) || status=1; \
+	env SPINFILTERS_COMPILE=off $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q $(in_parallel) $(interpreted) || status=1; \
 	if [ $$solved = no ]; then \
 	  echo "whole recordings$${1:+, OpenBLAS' core type $$1}:"; \
-	  env $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(whole) || status=1; \
+	  env $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q $(in_parallel) $(whole) || status=1; \
 	fi; \
 	exit $$status
 

@@ -321,8 +321,8 @@ class Report:
     @cached_property
     def sentences(self) -> list[str]:
         """The whole text."""
-        interval = float(self.reference.time[-1]) / max(1, len(self.reference.time) - 1)
         frames = len(self.reference.time)
+        interval = float(self.reference.time[-1] - self.reference.time[0]) / max(1, frames - 1)
         when = f"{frames} frame{'s' if frames > 1 else ''}" + (f" at {interval:g} s" if frames > 1 else "")
         lines = [self.title, *self.rank_sentences, *scope_sentences(self.case)]
         lines.append(f"Axes: {self.axes}.")

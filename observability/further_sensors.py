@@ -14,6 +14,7 @@ from observability.prior_dependence import QuantityBound, quantity_bounds
 from observability.system import analysed_sensors
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.core.working_time import building
+from spinfilters.io.sensor_format import kind_called
 
 IN_G: Final = (BLOCK_NAMES["a"], BLOCK_NAMES["c"])
 """Quantities that depend on what fixes frame g: the first epoch by definition, or a sensor with its own axes."""
@@ -71,6 +72,11 @@ class FurtherSensor:
     name: str
     before: SensorSet
     after: SensorSet
+
+    @property
+    def kind(self) -> str:
+        """Of its data sets, the name that commands take."""
+        return kind_called(self.name)
 
     @cached_property
     def becomes_determined(self) -> dict[Quantity, int]:
@@ -177,7 +183,7 @@ class FurtherSensors:
     @cached_property
     def sentences(self) -> list[str]:
         """The table, line by line, with its explanation."""
-        names = ", ".join(self.stated.case.sensors)
+        names = ", ".join(map(kind_called, self.stated.case.sensors))
         if not self.sensors:
             lines = [f"Further sensors: none can be added to {names}."]
             return [*lines, *self._refusals]
@@ -202,7 +208,7 @@ class FurtherSensors:
 
     @property
     def _refusals(self) -> list[str]:
-        return [f"{name} cannot be added: {reason}." for name, reason in self.refused.items()]
+        return [f"{kind_called(name)} cannot be added: {reason}." for name, reason in self.refused.items()]
 
     def _table(self) -> list[str]:
         """Rows of equal width: the set, then each further sensor."""
@@ -216,7 +222,7 @@ class FurtherSensors:
             gain = f"{each.mean_gain:.3g}" if each.gains else "-"
             new = ", ".join(f"{name} {count}" for (name, _), count in each.becomes_determined.items())
             rows.append(
-                [each.name, gain, _unknowns(each.after), *self._cells(each.after, each), new or "nothing"]
+                [each.kind, gain, _unknowns(each.after), *self._cells(each.after, each), new or "nothing"]
             )
         headings = [wrap(text, CELL) for text in ("sensor", *names, "becomes determined (directions)")]
         headings[-1] = ["becomes determined (directions)"]

@@ -16,7 +16,8 @@ from observability.exact_numbers import Rationals, rationals
 from observability.tape import Tape, tape_of
 from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.core.working_time import built_property
-from spinfilters.io.sensor_format import sensor_called
+from spinfilters.io.input_file import nearest_text
+from spinfilters.io.sensor_format import kind_called, sensor_called
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor import AnalysedSensor, model_over
 from spinfilters.models.sensor_registry import all_sensors
@@ -228,7 +229,11 @@ def analysed(name: str) -> AnalysedSensor:
             f"{', '.join(found)}"
         )
     if name not in found:
-        raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(found)}")
+        kinds = [kind_called(each) for each in found]
+        hint = nearest_text(name, kinds)
+        raise InputError(
+            f"sensor {name!r} is unknown; use one of {', '.join(kinds)}{'; ' if hint else ''}{hint}"
+        )
     return found[name]
 
 

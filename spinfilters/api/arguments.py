@@ -187,7 +187,7 @@ class ObserveArguments:
     further: Annotated[
         bool,
         Argument(
-            "which further sensor helps most: each kind is added to the set, one at a time; what it determines more, and its bounds"
+            "which further sensor helps most: adds each kind to the set, one at a time, and prints what it adds, with bounds"
         ),
     ] = False
     motion: Annotated[Scenario, ArgumentGroup(only=MOTION)] = field(default_factory=Scenario)

@@ -687,9 +687,10 @@ def _set_initial_belief(
         changes = {name: _as_setting(name, value) for name, value in belief.items()}
     if from_truth is not None:
         changes |= {"from_truth": True, "draw": from_truth}
-    if not changes:
-        return settings
-    return replace(settings, initialisation=replace(settings.initialisation, **changes))
+    initialisation = replace(settings.initialisation, **changes)
+    if belief is not None and not initialisation.states_belief:
+        raise InputError("belief states no mean; give numbers by block, such as rate, or leave belief out")
+    return replace(settings, initialisation=initialisation)
 
 
 def _as_setting(name: str, value: Any) -> Any:

@@ -358,6 +358,11 @@ def prepared_with_drawn_belief(
 
 def prepared_about_truth(dataset: Dataset, settings: Settings, belief: BeliefFactor, seed: int) -> Setup:
     """Prepared data set of a user's own, with a belief drawn about its truth. InputError: it has none."""
+    if dataset.truth is None:
+        raise InputError(
+            f"{dataset.name}: a drawn belief needs a truth (truth.csv), and this recording has none; give "
+            'initialisation = "data" and seeds = 1'
+        )
     drawn = replace(settings.initialisation, from_truth=True, draw=seed, std=dict(belief.by_block), mean={})
     return prepare(dataset, replace(settings, initialisation=drawn))
 

@@ -11,9 +11,10 @@ from spinfilters.io.output_files import write_or_print
 
 HEAD: Final = """# All commands
 
+Look up a command or an option here. `spinfilters COMMAND --help` prints the same, and [the command line](../how-to/command-line.md)
+shows how to use them. A dash in the column *default* means: off, or chosen by the command.
+
 This page is made from the code by `python -m spinfilters.cli.commands_page docs/reference/commands.md`; a test compares the two.
-Each argument is a field of a record (`spinfilters.io.argument_fields`), from which the parser, its help and the checks of `import
-spinfilters` are made, too. `spinfilters COMMAND --help` prints the same.
 """
 
 

@@ -96,14 +96,14 @@ def program_texts(options: EmbedOptions, start: StartState) -> dict[str, str]:
         column for block in options.layout.members for column in _columns(block.symbol, block.mean_size)
     )
     assert sensor.example is not None
-    unused = "" if options.layout.translates else ", of a force: a state without a position does not use it"
+    unused = "" if options.layout.translates else " (a state without a position does not use it)"
     begin = [
         f"/* Where the filter begins: {start.source}. In frame g; see README.md for the places of x. */",
         f'#define START_COLUMNS "{columns}"',
         _array("start_x", start.mean),
         "/* Covariance of the error, row by row. */",
         _array("start_covariance", start.covariance),
-        f"/* Disturbances: (m/s^2)^2/Hz{unused}, (rad/s^2)^2/Hz. */",
+        f"/* Densities of the disturbances: of a force, (m/s^2)^2/Hz{unused}; of a torque over the inertia, (rad/s^2)^2/Hz. */",
         _array("start_psd", np.array(start.densities)),
         f"/* Noise of the sensor, as its update takes it (spinfilter.h); {ours}. */",
         _array("start_parameters", sensor.example),

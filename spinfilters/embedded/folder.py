@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -210,6 +211,18 @@ def memory_sizes(options: EmbedOptions) -> dict[str, int]:
     return sizes
 
 
+_UPDATES: Final = {
+    "gyro": "sf_update_gyro(&filter, rates, start_parameters);  /* rad/s, axes g */",
+    "pose": "sf_update_pose(&filter, pose, start_parameters);   /* x, y, z (m), q_ig */",
+    "stereo": "sf_update_stereo(&filter, map, observations, count, camera);",
+}
+"""Of the README's loop, by the sensor of the filter."""
+_MAP: Final = """**Stereo.** `camera` is fx, fy, cx, cy (px), baseline (m), pixel_std (px). You own `map`; set it to zero at first.
+An observation names a place in the map, and an empty place becomes a landmark at its first observation.
+
+"""
+
+
 def readme_text(options: EmbedOptions, source: str) -> str:
     """``README.md``, with the source of the start state."""
     layout = options.layout
@@ -228,6 +241,8 @@ def readme_text(options: EmbedOptions, source: str) -> str:
         "sizes": "\n".join(rows),
         "state": ", ".join(f"`{block.symbol}` ({block.mean_size})" for block in layout.members),
         "turn": f"{0.08 * options.substeps:.2f}",
+        "update": _UPDATES[options.sensor],
+        "map": _MAP if options.has_map else "",
     }
     text = template("README.md")
     for name, value in values.items():

@@ -242,7 +242,7 @@ def time_text(time: float, first: float) -> str:
     """
     if abs(first) < FAR_ORIGIN:
         return f"t = {time:.6g} s"
-    return f"{time - first:.6g} s after the first epoch, t = {clock_text(first)} s"
+    return f"{time - first:.6g} s after the first epoch (t = {clock_text(first)} s)"
 
 
 def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:

@@ -436,6 +436,12 @@ MOTIONS: Final = (
 )
 """What moves: name, field of keys, unit, and that per SI unit."""
 
+
+def _in_axes(name: str) -> str:
+    """Name of what moves with its axes, where its deviation depends on them: that of a rate in i has the attitude's in it."""
+    return f"{name} in i" if name == "rate" else name
+
+
 # fmt: off
 METRICS: Final[tuple[Metric, ...]] = (
     # the estimator, its epochs and its observations
@@ -487,11 +493,11 @@ METRICS: Final[tuple[Metric, ...]] = (
     *(metric for motion in MOTIONS for metric in _motion_metrics(*motion)),
     Metric("errors.ape_rmse_m", "", "m", lambda s: getattr(s.evaluation.errors, "ape_rmse", None), column=""),
     Metric("errors.ape_angle_rmse_deg", "", "deg", lambda s: getattr(s.evaluation.errors, "ape_angle_rmse_deg", None), column=""),
-    *(Metric("", f"{name}: random / calibration", unit, _parts(field, lambda std: math.hypot(*std)), scale,
+    *(Metric("", f"{_in_axes(name)}: random / calibration", unit, _parts(field, lambda std: math.hypot(*std)), scale,
              form=number(".2g", " / "), section=LATEST)
       for name, field, unit, scale in (*MOTIONS, ("centre of mass", "center_of_mass_m", "mm", 1e3))),
 
-    *(Metric("", f"{name}: 95 % within ±", unit, _within(field, lambda half_widths: half_widths[-1]), scale,
+    *(Metric("", f"{_in_axes(name)}: 95 % within ±", unit, _within(field, lambda half_widths: half_widths[-1]), scale,
              form=number(".2g"), section=LATEST)
       for name, field, unit, scale in MOTIONS),
 

@@ -326,12 +326,17 @@ def _rows_within(
 
 
 def _without_jumps(reference: ReferenceMotion) -> ReferenceMotion:
-    """Without rows that depart from their neighbours `JUMP` times as far as rows usually do."""
+    """Without rows that depart from their neighbours `JUMP` times as far as rows usually do, and twice as far as the motion goes.
+
+    Of a reference with little noise most rows are the median of their neighbours. Its turning points are not, but they depart
+    from it by no more than the motion goes from one row to the next.
+    """
     good = np.ones(len(reference.time), dtype=bool)
     for values in (reference.position, reference.attitude, reference.rate):
         if values is not None:
             off = np.linalg.norm(values - _running_median(values), axis=1)
-            good &= off <= JUMP * max(float(np.median(off)), FLOOR[0])
+            usual = JUMP * max(float(np.median(off)), FLOOR[0])
+            good &= off <= np.maximum(usual, 2.0 * _running_steps(values))
     if good.all() or np.count_nonzero(good) < 0.7 * len(good):
         return reference
     said = f"{np.count_nonzero(~good)} rows that jump"
@@ -704,6 +709,14 @@ def _running_median(values: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "k c"
     if len(values) >= 5:
         found[2:-2] = np.median(np.stack([values[k : len(values) - 4 + k] for k in range(5)]), axis=0)
     return found
+
+
+def _running_steps(values: Float[np.ndarray, "k c"]) -> Float[np.ndarray, " k"]:
+    """Median of the six steps about every row, so that a jump of one row or of two does not count."""
+    if len(values) < 2:
+        return np.zeros(len(values))
+    steps = np.pad(np.linalg.norm(np.diff(values, axis=0), axis=1), 3, mode="edge")
+    return np.median(np.lib.stride_tricks.sliding_window_view(steps, 6), axis=1)
 
 
 def correlated_rows(values: Float[np.ndarray, "k c"]) -> float:

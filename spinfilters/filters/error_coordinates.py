@@ -116,8 +116,8 @@ class InvariantOptions:
     Attributes
     ----------
     coordinates : CoordinateName
-        In which the error of the estimator "invariant" is Gaussian, see `spinfilters.filters.error_coordinates`. With "mrp" it is
-        "mekf" without iterated updates. All other estimators keep 4 x MRP.
+        Coordinates in which the error of the estimator "invariant" is Gaussian, see `spinfilters.filters.error_coordinates`. With
+        "mrp" it is "mekf" without iterated updates. All other estimators keep 4 x MRP.
     """
 
     coordinates: CoordinateName = "coupled"

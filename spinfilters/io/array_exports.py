@@ -1,4 +1,4 @@
-"""Recordings that programs save as arrays: NumPy .npz, MATLAB .mat, HDF5, Parquet, and JSON of Sensor Logger."""
+"""Recordings that programs save as arrays: NumPy .npy and .npz, MATLAB .mat, HDF5, NetCDF, Parquet, Feather, and JSON."""
 
 import math
 import re
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
 
@@ -32,7 +32,8 @@ from spinfilters.io.motion_columns import heading_of
 from spinfilters.io.motion_file import bare_quantity, motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
-from spinfilters.io.stated_values import CLOCK_UNITS, LENGTH_UNITS, RATE_UNITS, ReadingOptions, to_state
+from spinfilters.io.stated_values import ReadingOptions
+from spinfilters.io.unnamed_columns import how_to_name
 
 LARGEST: Final = 2 * 1024**3
 """Bytes of a file, and of the numbers in it."""
@@ -48,14 +49,24 @@ _SENSORS: Final = ("gyroscope", "gyroscopeuncalibrated", "gyro", "imu")
 def read_array_export(path: Path, options: ReadingOptions) -> Dataset:
     """Data set of the arrays that describe a motion."""
     suffix, names = path.suffix.lower(), options.column_names
-    has_names = suffix in (".parquet", ".pq")
-    is_json = suffix == ".json"
-    taken = ("unit", "clock", "rate", *([] if has_names else ["columns"]), *(["topic"] if is_json else []))
+    is_json = suffix in (".json", ".jsonl", ".ndjson")
+    taken = ("unit", "clock", "rate", "columns", *(["topic"] if is_json else []))
     options.require_only(taken, "a file of arrays")
     require_file(path, LARGEST)
     columns = _json(path, options) if is_json else _READERS[suffix](path, names)
     bare = "rate" if is_json or names else bare_quantity(path)
     return motion_dataset(path, path.name, motion_of(columns, replace(options, topic=None), bare))
+
+
+def _npy(path: Path, stated: Sequence[str]) -> ArrayColumns:
+    """The array of an .npy, of records the columns of its fields. InputError: objects in it, more numbers than it holds."""
+    with _refused_if_damaged(path, "is no .npy of plain numbers", "save it with numpy.save"):
+        with open(path, "rb") as stream:
+            _require_numbers(stream, path.stat().st_size)
+        array = np.load(path, allow_pickle=False)
+    if array.dtype.names is None:
+        return _columns_of(path, {path.stem: array}, stated)
+    return _columns_of(path, {name: array[name] for name in array.dtype.names}, stated)
 
 
 def _npz(path: Path, stated: Sequence[str]) -> ArrayColumns:
@@ -85,12 +96,15 @@ def _refused_if_damaged(path: Path, what: str, cure: str) -> Iterator[None]:
 def _require_whole(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
     """Raise ValueError where an array states more numbers than it holds, before memory is taken for them."""
     with archive.open(member) as stream:
-        version = np.lib.format.read_magic(stream)
-        read = (
-            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        )
-        shape, _, kind = read(stream)
-    if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize > member.file_size:
+        _require_numbers(stream, member.file_size)
+
+
+def _require_numbers(stream: IO[bytes], size: int) -> None:
+    """Raise ValueError where an array of a file of this size, in bytes, states more numbers than fit into it."""
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, kind = read(stream)
+    if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize > size:
         raise ValueError(f"an array states the shape {value_text(shape)}, more numbers than it holds")
 
 
@@ -149,17 +163,17 @@ def _hdf5(path: Path, stated: Sequence[str]) -> ArrayColumns:
     return _columns_of(path, _by_last_name(arrays), stated)
 
 
-_UNITS: Final = frozenset({*CLOCK_UNITS, *LENGTH_UNITS, *RATE_UNITS, "m/s^2", "g"})
+_NO_UNIT: Final = frozenset({"", "1", "-", "none", "unitless", "dimensionless", "n/a"})
 _UNIT: Final = re.compile(r" \([^()]*\)$")
 
 
 def _stated_unit(dataset: Any) -> str:
-    """Unit of a data set in brackets, as its attribute says; empty without one, or of one that is not known here."""
+    """Unit of a data set in brackets, known here or not, as its attribute says; empty without one."""
     for name in ("Units", "units", "Unit", "unit"):
-        unit = dataset.attrs.get(name)
+        unit = getattr(dataset, "attrs", dataset.__dict__).get(name)
         unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
-        if isinstance(unit, str) and unit in _UNITS:
-            return f" ({unit})"
+        if isinstance(unit, str) and unit.lower() not in _NO_UNIT:
+            return f" ({re.sub(r'[()]', '', unit.partition(' since ')[0])[:20]})"
     return ""
 
 
@@ -326,7 +340,45 @@ def _modelica(held: Mapping[str, Any]) -> dict[str, np.ndarray] | None:
     return found
 
 
-def _parquet(path: Path, _stated: Sequence[str]) -> ArrayColumns:
+def _netcdf(path: Path, stated: Sequence[str]) -> ArrayColumns:
+    """Variables of a NetCDF file, of version 4 as of the HDF5 that it is."""
+    from scipy.io import netcdf_file
+
+    content = read_bytes(path, LARGEST)
+    if content.startswith(b"\x89HDF"):
+        return _hdf5(path, stated)
+    with (
+        _refused_if_damaged(path, "is no whole NetCDF file", "save it again"),
+        netcdf_file(path, mmap=False) as file,
+    ):
+        _require_size(path, sum(8 * math.prod(each.shape) for each in file.variables.values()))
+        arrays = {f"{name}{_stated_unit(each)}": np.array(each.data) for name, each in file.variables.items()}
+    arrays = {name: array.astype(array.dtype.newbyteorder("=")) for name, array in arrays.items()}
+    return _columns_of(
+        path, {name: each for name, each in arrays.items() if each.dtype.kind in "iuf"}, stated
+    )
+
+
+def _feather(path: Path, stated: Sequence[str]) -> ArrayColumns:
+    """Columns of numbers of a Feather or Arrow file, which have names."""
+    try:
+        from pyarrow import ipc
+    except ImportError:
+        raise InputError(
+            f"{path_text(path)}: Feather needs the package pyarrow; install it with pip install 'spinfilters[campaign]'"
+        ) from None
+    with _refused_if_damaged(path, "is no whole Feather file", "write it again"), ipc.open_file(path) as file:
+        kept = [k for k, field in enumerate(file.schema) if _is_number(str(field.type))]
+        table = file.read_all().select(kept)
+        _require_size(path, 8 * table.num_rows * len(kept))
+        arrays = {
+            name: _numbers_of_column(column)
+            for name, column in zip(table.column_names, table.columns, strict=True)
+        }
+    return _columns_of(path, arrays, stated)
+
+
+def _parquet(path: Path, stated: Sequence[str]) -> ArrayColumns:
     """Columns of a Parquet file. InputError: without pyarrow, or another file."""
     try:
         from pyarrow import ArrowException, parquet
@@ -349,16 +401,36 @@ def _parquet(path: Path, _stated: Sequence[str]) -> ArrayColumns:
                 )
             _require_size(path, 8 * file.metadata.num_rows * len(names))
             table = file.read(columns=names)
-        arrays = {name: table[name].to_numpy() for name in names}
+        arrays = {name: _numbers_of_column(table[name]) for name in names}
     except (ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError) as error:
         raise InputError(
             f"{path_text(path)}: is no whole Parquet file ({reason(error)}); write it again"
         ) from None
-    return _columns_of(path, arrays)
+    return _columns_of(path, arrays, stated)
+
+
+_IN_LISTS: Final = re.compile(r"(?:fixed_size_|large_)?list<\w+: (.*?)>(?:\[\d+\])?")
+"""Arrow's name of a column of lists."""
+
+
+def _numbers_of_column(column: Any) -> np.ndarray:
+    """Numbers of a column of Arrow, a row for each list of a column of lists. ValueError: lists that differ in length."""
+    if _IN_LISTS.fullmatch(str(column.type)) is None:
+        return column.to_numpy()
+    numbers = column.combine_chunks().flatten().to_numpy(zero_copy_only=False)
+    if (
+        not len(column)
+        or len(numbers) % len(column)
+        or {len(each) for each in column.to_pylist()} != {len(numbers) // len(column)}
+    ):
+        raise ValueError("its lists differ in length")
+    return numbers.reshape(len(column), -1)
 
 
 def _is_number(kind: str) -> bool:
     """Whether columns of an Arrow type are numbers or instants: of others, such as texts, a small file may unpack to any size."""
+    if matched := _IN_LISTS.fullmatch(kind):
+        kind = matched[1]
     return kind.startswith(("int", "uint", "float", "halffloat", "double", "timestamp", "date", "duration"))
 
 
@@ -371,20 +443,21 @@ def _json(path: Path, options: ReadingOptions) -> ArrayColumns:
     table = chosen_table(path, document, options)
     names = options.column_names
     if names:
-        try:
-            unnamed = {table.place: np.array(list(table.columns.values()), dtype=np.float64).T}
-        except (TypeError, ValueError, OverflowError):
+        if len(names) != len(table.columns):
             raise InputError(
-                f"{path_text(path)}: not all its columns are numbers, so that none can be named by its place; leave columns out"
-            ) from None
-        return replace(_stated_columns(path, unnamed, names), rate=table.rate)
+                f"{path_text(path)}: its table has {len(table.columns)} columns, and the stated columns are {len(names)}; name "
+                "every column, with - for those to leave out"
+            )
+        held = zip(names, table.columns.values(), strict=True)
+        stated = {name: np.array(values, dtype=object) for name, values in held if name != "-"}
+        return replace(array_columns(stated, path), rate=table.rate)
     has_seconds = "seconds_elapsed" in table.columns
     columns = {
         name: np.array(values, dtype=object)
         for name, values in table.columns.items()
         if not (has_seconds and name == "time")
     }
-    return replace(array_columns(columns, path), rate=table.rate)
+    return replace(array_columns(columns, path), rate=table.rate, takes_names=True)
 
 
 def _of_gyro(path: Path, document: Any) -> Any:
@@ -425,18 +498,19 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
     InputError
         No array of numbers; none or several that have the stated columns; one array whose columns have no names.
     """
-    if stated:
-        tables = {name: np.asarray(held) for name, held in arrays.items() if np.ndim(held) == 2}
+    tables = {name: np.asarray(held) for name, held in arrays.items() if np.ndim(held) == 2} if stated else {}
+    if stated and any(len(stated) in array.shape for array in tables.values()):
         return _stated_columns(path, tables, stated, _clocks_of(arrays))
     if (
-        len(arrays) == 1
+        not stated
+        and len(arrays) == 1
         and (shape := np.shape(next(iter(arrays.values()))))
         and len(shape) == 2
         and min(shape) > 3
     ):
+        rows = _rows_of(next(iter(arrays.values())))
         raise InputError(
-            f"{path_text(path)}: holds one array of {shape[0]} x {shape[1]} numbers without names; give "
-            f"{to_state('columns', 't,x,y,z')}"
+            f"{path_text(path)}: holds one array of {shape[0]} x {shape[1]} numbers without names; {how_to_name(rows)}"
         )
     columns: dict[str, np.ndarray] = {}
     for name, held in arrays.items():
@@ -459,24 +533,46 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
         elif name == "qpos" and array.shape[1:] == (7,) and np.shape(arrays.get("qvel", ()))[1:] == (6,):
             # MuJoCo's state of one free body; the rate in qvel is left out beside the pose
             columns |= dict(zip(("px", "py", "pz", "qw", "qx", "qy", "qz"), array.T, strict=True))
+        elif array.dtype.kind in "iuf" and array.ndim == 2 and array.shape[1] <= _WIDEST:
+            columns |= {_component(name, f" part {k}"): column for k, column in enumerate(array.T)}
     lengths = [len(column) for column in columns.values()]
     if not lengths:
         raise InputError(
             f"{path_text(path)}: holds no arrays of numbers; save a clock and body rates, or poses"
         )
     headings = [heading_of(name) for name in columns]
-    unnamed = next(
-        (np.shape(held) for held in arrays.values() if np.ndim(held) == 2 and min(np.shape(held)) > 4), None
+    unnamed = next((held for held in arrays.values() if np.ndim(held) == 2 and min(np.shape(held)) > 4), None)
+    are_clocks = all(
+        heading is not None and heading.quantity == "time"
+        for name, heading in zip(columns, headings, strict=True)
+        if " part " not in name
     )
-    if unnamed is not None and all(
-        heading is not None and heading.quantity == "time" for heading in headings
-    ):
+    if unnamed is not None and are_clocks and not stated:
         raise InputError(
-            f"{path_text(path)}: does not say what the {min(unnamed)} numbers of each sample are; give "
-            f"{to_state('columns', 'qw,qx,qy,qz,px,py,pz,-')}, with - for those to leave out"
+            f"{path_text(path)}: does not say what the {min(np.shape(unnamed))} numbers of each sample are; "
+            f"{how_to_name(_rows_of(unnamed))}"
         )
     commonest = max(set(lengths), key=lambda n: (lengths.count(n), n))
-    return array_columns({k: column for k, column in columns.items() if len(column) == commonest}, path)
+    columns = {k: column for k, column in columns.items() if len(column) == commonest}
+    if not stated:
+        return replace(array_columns(columns, path), takes_names=True)
+    if len(stated) != len(columns):
+        raise InputError(
+            f"{path_text(path)}: the stated columns are {len(stated)}, its arrays have {len(columns)}, and none has as many as are "
+            "stated; name every column, with - for those to leave out"
+        )
+    kept = {name: column for name, column in zip(stated, columns.values(), strict=True) if name != "-"}
+    return array_columns(kept, path)
+
+
+_WIDEST: Final = 16
+"""Numbers of a row of an array that may have names of their own."""
+
+
+def _rows_of(array: Any) -> np.ndarray:
+    """A row of an array for each sample, of which there are more than numbers in one."""
+    rows = np.asarray(array)
+    return (rows.T if rows.shape[1] > rows.shape[0] else rows).astype(np.float64)
 
 
 def _clocks_of(arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -534,7 +630,11 @@ def _require_size(path: Path, size: int) -> None:
 
 
 _READERS: Final = {
+    ".npy": _npy,
     ".npz": _npz,
+    ".nc": _netcdf,
+    ".feather": _feather,
+    ".arrow": _feather,
     ".mat": _mat,
     ".h5": _hdf5,
     ".hdf5": _hdf5,

@@ -72,7 +72,7 @@ WHITE_FORCE: Final = Disturbance(
     allowed=NumberRange(1e-30, 1e12, "(m/s^2)^2/Hz", zero=True),
     default=1e-6,
     mild=4e-8,
-    remark="0, for none, is computed with a density that adds 1e-9 m or rad in an interval; so of the torque.",
+    remark="0 means none, also for the torque; computations then use a density that adds 1e-9 m or rad in an interval.",
 )
 WHITE_TORQUE: Final = Disturbance(
     name="torque",

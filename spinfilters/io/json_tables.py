@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, reason, value_text
@@ -21,6 +21,10 @@ _DEEPEST: Final = 8
 """Levels of a document that are looked into."""
 _WIDEST: Final = 16
 """Numbers of a list that are components of one value."""
+_MATRICES: Final = ((3, 3), (3, 4), (4, 4))
+"""Rows and columns of a rotation R, and of [R t], whose fourth row is 0 0 0 1."""
+_DIGITS: Final = 1e-3
+"""Of R R', which the digits of a text cause at most."""
 _KINDS: Final = ("type", "mavpackettype", "sensor", "topic", "stream", "message")
 """Keys of a row that say what it is of."""
 _VALUES: Final = ("value", "values", "data", "v")
@@ -75,6 +79,7 @@ class JsonTable:
             )
             or (("quaternion", "w") in quantities)
             or ("mrp", "x") in quantities
+            or ("matrix", "xx") in quantities
         )
 
 
@@ -248,9 +253,36 @@ def _of_rows(
     for called in kinds if len(kinds) <= 1000 else kinds[:1]:
         own = [row for row in flat if kind is None or str(row.get(kind, "")) == called]
         names = [name for name in own[0] if name != kind]
-        columns = _by_last_name({name: [row.get(name) for row in own] for name in names})
+        columns = _by_last_name(_with_units({name: [row.get(name) for row in own] for name in names}))
         where = ".".join((*place, *([called] if len(kinds) > 1 else [])))
         yield JsonTable(where, _with_quantity(columns, place, above), _rate_beside(above))
+
+
+def _with_units(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    """Columns of which those beside a text that is called unit, the same in all rows, have this unit in their names."""
+    units = {
+        name.rpartition(".")[0]: values[0]
+        for name, values in columns.items()
+        if name.rpartition(".")[2] in ("unit", "units")
+        and isinstance(values[0], str)
+        and values.count(values[0]) == len(values)
+    }
+    return {
+        f"{name} ({units[name.rpartition('.')[0]]})"
+        if _is_axis(name) and name.rpartition(".")[0] in units
+        else name: values
+        for name, values in columns.items()
+    }
+
+
+def _is_axis(name: str) -> bool:
+    """Whether a column is a component."""
+    heading = heading_of(name)
+    return (
+        heading is not None
+        and bool(heading.axis)
+        and heading.quantity in ("rate", "acceleration", "position")
+    )
 
 
 def _with_quantity(
@@ -293,6 +325,10 @@ def _flat(row: Mapping[str, Any], before: str) -> dict[str, Any]:
         ):
             for each in value:
                 flat |= _flat(each, f"{name}.{each['name']}.")
+        elif _is_matrix(value):
+            flat |= {f"{name}.r{i}{j}": value[i][j] for i in range(3) for j in range(3)}
+            if len(value[0]) == 4:
+                flat |= {f"{name}.t{axis}": value[k][3] for k, axis in enumerate("xyz")}
         elif isinstance(value, list) and len(value) <= _WIDEST and _is_numbers(value):
             axes = ["_x", "_y", "_z"] if len(value) == 3 else [f"[{k}]" for k in range(len(value))]
             flat |= {f"{name}{axis}": each for axis, each in zip(axes, value, strict=True)}
@@ -331,6 +367,22 @@ def _unnested(row: Mapping[str, Any], depth: int = 0) -> dict[str, Any]:
     return flat
 
 
+def _is_matrix(value: Any) -> TypeGuard[list[list[Any]]]:
+    """Whether a value is the matrix of a rotation or of a rigid transformation, row by row."""
+    if not isinstance(value, list) or (len(value), _width(value)) not in _MATRICES:
+        return False
+    try:
+        rows = [[float(each) for each in row] for row in value]
+    except (TypeError, ValueError, OverflowError):
+        return False
+    products = [
+        abs(sum(a * b for a, b in zip(rows[i][:3], rows[j][:3], strict=True)) - (i == j))
+        for i in range(3)
+        for j in range(3)
+    ]
+    return max(products) < _DIGITS and rows[3:] in ([], [[0.0, 0.0, 0.0, 1.0]])
+
+
 def _is_packet(name: str, value: Any) -> bool:
     """Whether a value is a list of samples: of objects, of lists, or of numbers about one axis."""
     if not isinstance(value, list) or not value:
@@ -338,7 +390,7 @@ def _is_packet(name: str, value: Any) -> bool:
     if isinstance(value[0], dict):
         return "name" not in value[0] and all(isinstance(each, dict) for each in value)
     if isinstance(value[0], list):
-        return _width(value) in (3, 4)
+        return _width(value) in (3, 4) and not _is_matrix(value)
     heading = heading_of(name)
     return heading is not None and bool(heading.axis) and _is_numbers(value)
 

@@ -1,5 +1,6 @@
 """Names that known loggers give to columns, in the words by which headings are parsed."""
 
+import os
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -32,6 +33,7 @@ _SPELLED: Final = (
     (re.compile(r"^(?:.*\.)?pqr\[([012])\]$"), r"omega[\1]"),  # Inertial Sense, rad/s
     (re.compile(r"^(?:.*\.)?w_a\[([123])\]$"), r"omega(\1)"),  # bodies of Modelica, in their own axes
     (re.compile(r"^ω([123])\b(.*)$"), r"omega(\1)\2"),  # RocketPy
+    (re.compile(r"^(?:.*\.)?ang_vel_this\[([012])\](.*)$"), r"omega[\1]\2"),  # JEOD, in axes of the body
     (re.compile(r"^([XYZ])_value$"), r"\1"),  # Sensor Kinetics
     (re.compile(r"^Angular Velocity ?- ?([xyz]) \(rad/s\) Run #\d+$", re.IGNORECASE), r"omega_\1"),  # PASCO
     (re.compile(r"^Time \(s\) Run #\d+$"), "time (s)"),
@@ -103,6 +105,9 @@ def understood_names(names: Sequence[str]) -> list[str]:
     ):  # PlotJuggler's clock; its other names are paths of topics, and stamps within their messages
         names = ["" if "/stamp" in name else name.lstrip("/").replace("/", ".") for name in names]
         names = [name if _OTHER.search(name) else _TOPIC.sub("", name) for name in names]
+    elif len(names) > 1 and all(name.startswith("/") for name in names):  # paths of one topic
+        common = os.path.commonpath(names)
+        names = [name[len(common) :].lstrip("/").replace("/", ".") for name in names]
     names = [_plainly_spelled(name) for name in _of_gopro(names)]
     found = [_MRP_PLACES.get(each, each) for each in map(_without_frames, names)]
     bare = {_plain(name): k for k, name in enumerate(found)}
@@ -159,6 +164,10 @@ def _of_devices(names: Sequence[str], found: list[str]) -> list[str]:
     ):  # of HIGHRES_IMU and HIL_SENSOR in rad/s, of SCALED_IMU in mrad/s; of RAW_IMU in counts
         unit = "rad/s" if "abs_pressure" in names else "mrad/s" if "time_boot_ms" in names else ""
         found = [f"{name} ({unit})" if unit and name in _MAVLINK else name for name in found]
+    if any(
+        name.startswith("centreOfRotation") for name in names
+    ):  # OpenFOAM, whose omega is in the global axes
+        found = ["" if name.startswith("omega") else name for name in found]
     if "current_time_step" in names:  # Isaac Sim, scalar first
         scalar_first = {f"orientation[{k}]": f"q{axis}" for k, axis in enumerate("wxyz")}
         found = [scalar_first.get(name.rpartition(".")[2], name) for name in found]

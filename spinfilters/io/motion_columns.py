@@ -55,15 +55,24 @@ _ACCELERATION_UNITS = {
     **dict.fromkeys(("mg",), "mg"),
 }
 _LENGTH_UNITS = {"m": "m", "mm": "mm", "cm": "cm"}
+_WORDED_UNITS = frozenset(unit for unit in (*_RATE_UNITS, *_ACCELERATION_UNITS) if len(unit) > 2) | {
+    "mm",
+    "cm",
+}
+"""Units that as a word between others say nothing else."""
 
 _BRACKETS = re.compile(r"\s*[(\[{]\s*([^()\[\]{}]*?)\s*[)\]}]\s*$")
 _TIME_WORD = re.compile(
-    r"(?:t|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
+    r"(?:t|ts|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
     r"system|local|sample|monotonic|field|start|in|realtime|tout|"
     r"zeit|temps|tiempo|tempo)"
 )
+_OF_DATES = re.compile(
+    r"utcg?|gmt|tai|local|iso ?8601|h{1,2}:m{1,2}:s{1,2}(?:[.,:][0-9sfx]+)?|(?:yyyy|dd|mm)[-/.].*"
+)
+"""Brackets behind a clock that say how its times are written, or in which zone."""
 _WHOSE_CLOCK = re.compile(
-    r"current|rtc|simulation|sim|host|node|log|packet|capture|message|msg|receive|received|publish|published"
+    r"current|acquisition|rtc|simulation|sim|host|node|log|packet|capture|message|msg|receive|received|publish|published"
 )
 """Words that say whose time it is, and alone are no clock."""
 _LATE_WORD = re.compile(r"datetime|date|utc|gregorian|utime|unixtime|startup|offset|real|recording")
@@ -189,8 +198,9 @@ def _time(words: list[str], unit: str) -> Heading | None:
     others = named if named or is_late or unit or spelled else others
     if not all(_TIME_WORD.fullmatch(word) for word in others) or len(spelled) > 1:
         return None
-    if unit and unit not in _BRACKETED_TIME:
+    if unit and unit not in _BRACKETED_TIME and not _OF_DATES.fullmatch(unit):
         return None
+    unit = unit if unit in _BRACKETED_TIME else ""
     return Heading(
         "time", FOREIGN if is_late else "", _BRACKETED_TIME[unit] if unit else next(iter(spelled), "")
     )
@@ -232,6 +242,11 @@ def _stem_and_axis(words: list[str]) -> tuple[str, str, str]:
         tail = _spell_unit("/".join(words[-count:]))
         if len(words) > count and tail in (*_RATE_UNITS, *_ACCELERATION_UNITS, *_LENGTH_UNITS):
             unit, words = tail, words[:-count]
+            break
+    for count in (2, 1):  # a unit in front of the axis: omega_radps_x
+        behind = _spell_unit("/".join(words[-1 - count : -1]))
+        if not unit and len(words) > count + 1 and words[-1] in tuple("xyz") and behind in _WORDED_UNITS:
+            unit, words = behind, [*words[: -1 - count], words[-1]]
             break
     joined = "".join(words)
     if len(words) > 1 and len(words[-1]) == 1 and words[-1] in "xyzw":
@@ -338,6 +353,9 @@ def motion_columns(
     if not {"rate", "quaternion", "matrix", "mrp"} & found.keys():
         understood = [_of_source(name) for name in understood]
         found, headings = _vectors(path, names, understood, bare)
+    if not {"rate", "quaternion", "matrix", "mrp"} & found.keys():
+        understood = _with_quaternion(understood)
+        found, headings = _vectors(path, names, understood, bare)
     if options.topic is not None:
         raise InputError(
             f"{path_text(path)}: topic does not apply: no body {value_text(options.topic)} has a quaternion; leave it out"
@@ -349,7 +367,23 @@ def motion_columns(
     if options.rate is not None:
         return MotionColumns(None, found)
     clock = _clock(path, names, headings, found, is_date)
-    return MotionColumns(clock, found, None if clock is None else _fraction(*clock, names))
+    fraction = None if clock is None else _fraction(*clock, names) or _fraction(*clock, understood)
+    return MotionColumns(clock, found, fraction)
+
+
+_FOUR: Final = re.compile(r"(.*?)([wxyz])(\s*[(\[].*)?", re.IGNORECASE)
+"""A name that ends with an axis."""
+
+
+def _with_quaternion(names: Sequence[str]) -> list[str]:
+    """Names of which the only four that differ in their last letter alone, w, x, y or z, are called a quaternion, as ox to ow."""
+    groups: dict[str, dict[str, int]] = {}
+    for k, name in enumerate(names):
+        if matched := _FOUR.fullmatch(name.strip()):
+            groups.setdefault(matched[1], {})[matched[2].lower()] = k
+    whole = [own for stem, own in groups.items() if len(own) == 4 and not _NOT_MEASURED.search(stem)]
+    axes = {k: axis for axis, k in whole[0].items()} if len(whole) == 1 else {}
+    return [f"q{axes[k]}" if k in axes else name for k, name in enumerate(names)]
 
 
 _RATE_END: Final = re.compile(

@@ -24,6 +24,7 @@ from spinfilters.io.stated_values import ReadingOptions, to_state
 from spinfilters.io.table_layout import PREAMBLE_LINES
 from spinfilters.io.text_table import read_blank_separated
 from spinfilters.io.truth import TRUTH_TABLE
+from spinfilters.io.unnamed_columns import first_rows
 
 _TABLES = (".csv", ".tsv")
 """Suffixes of tables with a header; texts have others."""
@@ -37,6 +38,58 @@ def is_motion_file(path: Path) -> bool:
     return path.name not in _parts() and not (path.suffix.lower() == ".txt" and _is_poses_alone(path))
 
 
+_OTHER_TEXTS: Final = (
+    *(
+        ".md",
+        ".rst",
+        ".html",
+        ".py",
+        ".m",
+        ".c",
+        ".h",
+        ".cpp",
+        ".toml",
+        ".yaml",
+        ".yml",
+        ".ini",
+        ".xml",
+        ".urdf",
+        ".sdf",
+        ".svg",
+    ),
+    *(
+        ".obj",
+        ".ply",
+        ".off",
+        ".stl",
+        ".pcd",
+        ".xyz",
+        ".wrl",
+        ".gz",
+        ".zip",
+        ".pdf",
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".tif",
+        ".bmp",
+    ),
+)
+"""Suffixes of texts with numbers that are no tables of a motion, and of what is no text."""
+
+
+def has_rows_of_numbers(path: Path) -> bool:
+    """Whether a file of a suffix that says nothing begins as a text with rows of numbers does."""
+    if path.suffix.lower() in (
+        *_OTHER_TEXTS,
+        *(each for form in sensor_formats().values() for each in form.suffixes),
+    ):
+        return False
+    lines = first_text(path, _HEAD).splitlines()[:PREAMBLE_LINES]
+    is_text = not any(mark in line for line in lines for mark in ("\0", "\ufffd"))
+    return is_text and first_rows(lines)[0] >= 0
+
+
 def read_motion_file(path: Path, options: ReadingOptions) -> Dataset:
     """Data set of the table; its columns are known by their names, those of KITTI's poses by their number."""
     if options.columns is not None:
@@ -48,12 +101,13 @@ def read_motion_file(path: Path, options: ReadingOptions) -> Dataset:
     return motion_dataset(path, path.name, read_motion_table(path, options, bare_quantity(path)))
 
 
-_TRANSFORM: Final = 12
+_TRANSFORM: Final = (12, 16)
+"""Numbers of a transformation: three rows of a matrix, or four, of which the last is 0 0 0 1."""
 _TUM_NAMES: Final = ("px", "py", "pz", "qx", "qy", "qz", "qw")
 
 
 def read_transforms(path: Path, options: ReadingOptions) -> MotionTable | None:
-    """Poses as KITTI writes them: twelve numbers a row, [R_ib t] row by row, in m and without a clock; None of another table.
+    """Poses as KITTI writes them: 12 or 16 numbers a row, [R_ib t] row by row, in m and without a clock; None of another table.
 
     Parameters
     ----------
@@ -67,11 +121,19 @@ def read_transforms(path: Path, options: ReadingOptions) -> MotionTable | None:
     InputError
         Neither; a matrix that is no rotation.
     """
-    if len(_first_numbers(path)) != _TRANSFORM:
+    first = _first_numbers(path)
+    if len(first) not in _TRANSFORM or (first[12:] and first[12:] != (0.0, 0.0, 0.0, 1.0)):
         return None
     options.require_only(("rate",), "a table of poses without a clock")
-    table = read_blank_separated(path, [f"T{row}{column}" for row in range(3) for column in range(4)])
-    matrices = table.values.reshape(-1, 3, 4)
+    height = len(first) // 4
+    table = read_blank_separated(path, [f"T{row}{column}" for row in range(height) for column in range(4)])
+    matrices = table.values.reshape(-1, height, 4)
+    wrong = np.flatnonzero((matrices[:, 3:] != (0.0, 0.0, 0.0, 1.0)).any(axis=(1, 2)))
+    if wrong.size:
+        raise table.error(
+            int(wrong[0]), "the last row of its matrix is not 0 0 0 1; correct or delete the line"
+        )
+    matrices = matrices[:, :3]
     R = rotations_of(table, matrices[:, :, :3])
     if options.rate is not None:
         time, remark = np.arange(len(R)) / options.rate, f"clock of {options.rate:g} Hz as stated"
@@ -90,8 +152,8 @@ def _kitti_times(path: Path, count: int) -> tuple[Float[np.ndarray, " n"], str]:
     found = next((place for place in places if os.path.isfile(place)), None)
     if found is None:
         raise InputError(
-            f"{path_text(path)}: twelve numbers a row are poses without a clock, as KITTI's; give {to_state('rate', 'HZ')}, or put "
-            "the times.txt of the sequence beside them"
+            f"{path_text(path)}: twelve or sixteen numbers a row are poses without a clock, as KITTI's; give "
+            f"{to_state('rate', 'HZ')}, or put the times.txt of the sequence beside them"
         )
     table = read_blank_separated(found, ["time_s"])
     require_clock(table)

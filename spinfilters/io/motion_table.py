@@ -1,6 +1,7 @@
 """Motion tables: gyro, accelerometer and poses by the names of their columns, with the unit of their clock."""
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from spinfilters.io.motion_columns import (
     VectorColumns,
     motion_columns,
 )
-from spinfilters.io.named_columns import NamedColumns, TextColumns, as_measured
+from spinfilters.io.named_columns import NamedColumns, TextColumns, as_measured, numbers_of
 from spinfilters.io.sensor_tables import require_clock, require_turns
 from spinfilters.io.stated_values import (
     CLOCK_UNITS,
@@ -36,6 +37,7 @@ from spinfilters.io.stated_values import (
 )
 from spinfilters.io.table_layout import read_layout
 from spinfilters.io.text_table import Table
+from spinfilters.io.unnamed_columns import how_to_name, is_certain, proposed_columns
 
 SLOWEST: Final = 1.0
 FASTEST: Final = 8000.0
@@ -518,7 +520,7 @@ def _quantity(
     if columns.time is None and options.rate is None:
         raise InputError(
             f"{path_text(path)}: header {value_text(', '.join(names))}: no column is a clock; name it time_s, or give "
-            f"{to_state('rate', 'HZ')}"
+            f"{to_state('rate', 'HZ')}{_or_names(source, columns, options)}"
         )
     is_unit = {"rate", "acceleration"} <= found.keys() and "position" not in found
     if "quaternion" in found and (not is_unit or bare == "quaternion"):
@@ -532,9 +534,23 @@ def _quantity(
     if "position" in found:
         raise InputError(
             f"{path_text(path)}: header {value_text(', '.join(names))}: has positions without a quaternion; name its columns "
-            "qx,qy,qz,qw, or export quaternions, because three angles do not show their order"
+            f"qx,qy,qz,qw, or export quaternions, because three angles do not show their order{_or_names(source, columns, options)}"
         )
     raise InputError(
         f"{path_text(path)}: header {value_text(', '.join(names))}: contains no body rate about each of x, y, z; name the columns "
-        f"such as {EXAMPLE} (rad/s) or time_s,wx_dps,wy_dps,wz_dps"
+        f"such as {EXAMPLE} (rad/s) or time_s,wx_dps,wy_dps,wz_dps{_or_names(source, columns, options)}"
     )
+
+
+def _or_names(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> str:
+    """What else to state: names of the columns, as far as their numbers show what they are; empty where they do not."""
+    if (
+        options.columns is not None
+        or not source.takes_names
+        or {"rate", "quaternion", "matrix", "mrp"} & columns.vectors.keys()
+    ):
+        return ""
+    rows, are_numbered = numbers_of(source), len({re.sub(r"\d+", "", name) for name in source.names}) == 1
+    clock = None if columns.time is None else columns.time[0]
+    proposed = proposed_columns(rows, clock)
+    return f"; or {how_to_name(rows, clock)}" if is_certain(proposed) or (proposed and are_numbered) else ""

@@ -1,6 +1,7 @@
 """Tables with named columns, wherever their numbers come from: a text file, or arrays in memory."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol
@@ -13,6 +14,7 @@ from spinfilters.io.calendar_clock import seconds_of_clock, seconds_of_dates
 from spinfilters.io.input_file import parse_number, path_text, value_text
 from spinfilters.io.table_layout import TableLayout, data_lines
 from spinfilters.io.text_table import Table, read_columns
+from spinfilters.io.unnamed_columns import ROWS
 
 
 class NamedColumns(Protocol):
@@ -31,6 +33,11 @@ class NamedColumns(Protocol):
     @property
     def stated_rate(self) -> float | None:
         """Samples a second, Hz, as the lines above the header say; None of others."""
+        ...
+
+    @property
+    def takes_names(self) -> bool:
+        """Whether the user may name its columns by their places."""
         ...
 
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
@@ -58,6 +65,11 @@ class TextColumns:
         """See `NamedColumns.stated_rate`."""
         return self.layout.rate
 
+    @property
+    def takes_names(self) -> bool:
+        """See `NamedColumns.takes_names`."""
+        return True
+
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
         """See `NamedColumns.read`."""
         return read_columns(self.path, self.layout, columns, keys)
@@ -77,12 +89,15 @@ class ArrayColumns:
         One array for each name, of any type; only those that are read need be numbers.
     rate : float | None
         Samples a second, Hz, as what stands beside the columns says; None of others.
+    takes_names : bool
+        See `NamedColumns.takes_names`.
     """
 
     path: Path
     names: tuple[str, ...]
     columns: tuple[np.ndarray, ...]
     rate: float | None = None
+    takes_names: bool = False
 
     @property
     def stated_rate(self) -> float | None:
@@ -157,6 +172,11 @@ class RatesOfIncrements:
         """See `NamedColumns.stated_rate`."""
         return self.source.stated_rate
 
+    @property
+    def takes_names(self) -> bool:
+        """See `NamedColumns.takes_names`."""
+        return self.source.takes_names
+
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
         """See `NamedColumns.read`. InputError: a period that is not positive, too."""
         table = self.source.read([*columns, self.period], keys)
@@ -202,6 +222,11 @@ class OneOfSeveral:
         """See `NamedColumns.stated_rate`."""
         return self.source.stated_rate
 
+    @property
+    def takes_names(self) -> bool:
+        """See `NamedColumns.takes_names`."""
+        return self.source.takes_names
+
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
         """See `NamedColumns.read`."""
         table = self.source.read([*columns, self.number], keys)
@@ -212,6 +237,29 @@ class OneOfSeveral:
             lines = [line for line, _ in data_lines(table.path, table.layout)]
         lines = lines if lines is None or len(own) == len(number) else [lines[row] for row in own.tolist()]
         return replace(table, names=table.names[:-1], values=table.values[own, :-1], lines=lines)
+
+
+_MOST_LOOKED_AT: Final = 20_000_000
+"""Numbers of a table that are read again to find out what they are."""
+
+
+def numbers_of(source: NamedColumns) -> Float[np.ndarray, "n m"]:
+    """First rows of all columns, NaN in those that are no numbers; none of a table too large to be read column by column."""
+    found: dict[int, np.ndarray] = {}
+    width = len(source.names)
+    for column in range(width):
+        with suppress(InputError):
+            values = source.read([column]).values
+            if len(values) * width > _MOST_LOOKED_AT:
+                return np.empty((0, 0))
+            found[column] = values[:ROWS, 0]
+    for column in set(range(width)) - found.keys() if found else ():  # a date is one in front of numbers
+        with suppress(InputError):
+            found[column] = source.read([column, min(found)], keys=1).values[:ROWS, 0]
+    count = max(map(len, found.values()), default=0)
+    nothing = np.full(count, np.nan)
+    columns = [found.get(column, nothing) for column in range(width)]
+    return np.column_stack([each if len(each) == count else nothing for each in columns])
 
 
 _INCREMENTS: Final = ("delta_angle[0]", "delta_angle[1]", "delta_angle[2]")

@@ -102,7 +102,7 @@ class SensorFormat:
     repeats : bool
         Whether time stamps repeat without landmarks: many rows of one epoch.
     logged_again : bool
-        Whether loggers faster than the sensor write its rows again, as those of rates at a fixed frequency.
+        Whether loggers faster than the sensor write its rows again, as those of rates or poses at a fixed frequency.
     quaternion : int | None
         First of four columns that hold a unit quaternion, scalar last.
     calibration : CalibrationFiles | None

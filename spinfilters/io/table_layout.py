@@ -26,6 +26,7 @@ from spinfilters.io.input_file import (
     value_text,
 )
 from spinfilters.io.stated_values import SAMPLING_RATE, to_state
+from spinfilters.io.unnamed_columns import first_rows, how_to_name, numbers_of_lines
 
 COMMENTS: Final = ("#", "//", "!")
 """Marks of comment lines in tables of others; '%' begins the header of some exports and is dropped there."""
@@ -229,15 +230,27 @@ def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayo
     if first and (above := _header_above(held[:first], held[first][1])):
         return replace(above, encoding=encoding, comments=COMMENTS)
     for index, (number, line) in enumerate(held):
-        found = _header(line, held[index + 1][1] if index + 1 < len(held) else "")
+        below = held[index + 1][1] if index + 1 < len(held) else ""
+        found = _header(line, below)
+        if found is None and (units := _units_below(line, below)):
+            number, found = (
+                held[index + 1].number,
+                _header(units, held[index + 2][1] if index + 2 < len(held) else ""),
+            )
         if found is not None:
             return replace(found, encoding=encoding, header_line=number, comments=COMMENTS)
         if _is_numbers(line):
             found = None if marked is None else _header(marked[1], line)
             if found is not None and marked is not None:
                 return replace(found, encoding=encoding, header_line=marked[0], comments=COMMENTS)
-            raise _no_header(path, number, line)
-    raise InputError(f"{path_text(path)}: has no line of column names; add one, such as time_s,wx,wy,wz")
+            break
+    lines = [line for _, line in held]
+    first, delimiter = first_rows(lines)
+    if first < 0:
+        first = next((k for k, line in enumerate(lines) if _is_numbers(line)), -1)
+    if first < 0:
+        raise InputError(f"{path_text(path)}: has no line of column names; add one, such as time_s,wx,wy,wz")
+    raise _no_header(path, *held[first], how_to_name(numbers_of_lines(lines[first:], delimiter)))
 
 
 def own_layout(path: Path) -> TableLayout:
@@ -257,7 +270,7 @@ def own_layout(path: Path) -> TableLayout:
         ) from None
     names = tuple(cell.strip() for cell in cells)
     if not any(names) or _is_numbers(first):
-        raise _no_header(path, 1, first)
+        raise _no_header(path, 1, first, f"give {to_state('columns', 't,x,y,z')}")
     return TableLayout(names, delimiter=delimiter, decimal_comma=_has_decimal_comma(delimiter, second))
 
 
@@ -287,12 +300,33 @@ def _header(line: str, below: str) -> TableLayout | None:
     except csv.Error:
         return None
     names = tuple(cell.strip().strip('"').strip() for cell in cells)
-    if len(names) < 3 or _is_numbers(line) or not any(character.isalpha() for character in text):
+    if len(names) < 3 or 2 * sum(map(_is_numbers, names)) >= len(names):
         return None
+    if not any(character.isalpha() for character in text):
+        return None
+    if separator is None and not _has_cells(below, len(names)):
+        return None  # a sentence
+    if separator == "\t" and line.startswith(separator) and len(below.split(separator)) == len(names) + 1:
+        names = ("", *names)
     # settings in front of a header have two cells or no numbers below
     if below and len(below.split(separator)) < min(3, len(names)):
         return None
     return TableLayout(names, delimiter=separator, decimal_comma=_has_decimal_comma(separator, below))
+
+
+def _has_cells(line: str, count: int) -> bool:
+    """Whether a line between whose cells are blanks may have so many, some of them numbers; dates have blanks, too."""
+    cells = line.split()
+    numbers = sum(map(_is_numbers, cells))
+    return not line or (numbers > 0 and (len(cells) == count or ":" in line or numbers < 3))
+
+
+def _units_below(line: str, below: str) -> str:
+    """Names of columns between blanks with the units that stand below them; empty where there are none."""
+    names, units = line.split(), below.split()
+    if len(names) != len(units) or len(names) < 3 or not _are_units(units):
+        return ""
+    return " ".join(f"{name}({_bare_unit(unit)})" for name, unit in zip(names, units, strict=True))
 
 
 _UNITS: Final = re.compile(
@@ -465,10 +499,9 @@ def _is_numbers(line: str) -> bool:
     return bool(cells)
 
 
-def _no_header(path: Path, number: int, line: str) -> InputError:
+def _no_header(path: Path, number: int, line: str, cure: str) -> InputError:
     return InputError(
-        f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names, "
-        f"or give {to_state('columns', 't,x,y,z')}"
+        f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names, or {cure}"
     )
 
 

@@ -4,7 +4,8 @@
   sensor. GnssLogger lists the columns of each sensor in comments, RealSense in a line above each block of rows.
 - Lines of labels with numbers, as microcontrollers print them to a serial port, perhaps after the time of each line:
   ``12:34:05.020 -> gx:0.31 gy:1.49 gz:0.06``, and ``Rotation X: 0.31, Y: 1.49, Z: 0.06 rad/s``.
-- Messages of ROS: what ``rostopic echo`` and ``ros2 topic echo`` print, with a line of hyphens after each.
+- Messages of ROS: what ``rostopic echo`` and ``ros2 topic echo`` print, with a line of hyphens after each; and of Gazebo, whose
+  ``gz topic -e`` prints blocks in braces, with a blank line after each.
 - Logs of Gyroflow, .gcsv: whole numbers with the factors that make seconds and rad/s of them.
 """
 
@@ -12,6 +13,7 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -235,14 +237,26 @@ _DEEPEST: Final = 8
 def has_echoed_messages(path: Path) -> bool:
     """Whether a text begins with the header of a message, and a line of hyphens follows."""
     lines = [line.strip() for line in first_text(path, _HEAD).splitlines()]
-    return lines[:1] == ["header:"] and "---" in lines
+    return (lines[:1] == ["header:"] and "---" in lines) or _has_blocks(lines)
+
+
+def _has_blocks(lines: Sequence[str]) -> bool:
+    """Whether the first line that holds something opens a block in braces, and some are closed."""
+    begun = next((line for line in lines if line), "")
+    return _BLOCK_BEGIN.fullmatch(begun) is not None and "}" in lines
 
 
 def read_echoed_messages(path: Path, options: ReadingOptions) -> Dataset:
     """Motion of all whole messages of one type: rates of Imu and TwistStamped, poses of PoseStamped and Odometry."""
     options.require_only((), "a text of rostopic echo")
     require_text_table(path)
-    messages = list(_messages(path))
+    has_blocks = _has_blocks([line.strip() for line in first_text(path, _HEAD).splitlines()])
+    messages = list(_blocks(path) if has_blocks else _messages(path))
+    if not messages:
+        raise InputError(f"{path_text(path)}: has no whole message; record it again")
+    if has_blocks:  # which leave out numbers that are 0
+        every = dict.fromkeys(name for message in messages for name in message)
+        messages = [dict.fromkeys(every, 0.0) | message for message in messages]
     names = [name for name in messages[0] if all(name in message for message in messages)]
     columns = {name: np.array([message[name] for message in messages]) for name in names}
     if not any(name.startswith("pose.") for name in names):  # of TwistStamped, in axes of the body
@@ -283,6 +297,54 @@ def _messages(path: Path) -> Iterator[dict[str, float]]:
         raise InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text") from None
 
 
+_BLOCK_BEGIN: Final = re.compile(r"([A-Za-z_]\w{0,60}) ?\{")
+_BLOCK_NAME: Final = re.compile(r'name: "([^"]{1,60})"')
+
+
+def _blocks(path: Path) -> Iterator[dict[str, float]]:
+    """Numbers of each message of blocks in braces by their path with dots, the name of a block in it; all axes of a vector.
+
+    InputError: no UTF-8, or nested too deep.
+    """
+    message: dict[str, float] = {}
+    above: list[str] = []
+    try:
+        with open(path, encoding="utf-8-sig") as stream:
+            for number, line in enumerate(map(str.strip, stream), start=1):
+                if matched := _BLOCK_BEGIN.fullmatch(line):
+                    above.append(matched[1])
+                    if len(above) > _DEEPEST:
+                        raise InputError(
+                            f"{path_text(path)}: line {number}: is nested too deep; record one message"
+                        )
+                    axes = "xyzw" if matched[1] in ("orientation", "rotation") else "xyz"
+                    if matched[1] in _OF_AXES:
+                        message |= {".".join([*above, axis]): 0.0 for axis in axes}
+                elif line == "}":
+                    above = above[:-1]
+                elif not line and not above:
+                    if message:
+                        yield message
+                    message = {}
+                elif (named := _BLOCK_NAME.fullmatch(line)) and above:
+                    above[-1] = f"{above[-1]}.{named[1].replace('.', '_')}"
+                elif matched := _FIELD.fullmatch(line):
+                    with suppress(ValueError):
+                        message[".".join([*above, matched[2]])] = float(matched[3])
+    except UnicodeDecodeError:
+        raise InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text") from None
+    if message and not above:
+        yield message
+
+
+_OF_AXES: Final = (
+    "position",
+    "orientation",
+    "rotation",
+    "translation",
+    "angular_velocity",
+    "linear_acceleration",
+)
 _COLUMNS: Final = ("t", "gx", "gy", "gz")
 
 

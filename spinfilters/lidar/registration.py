@@ -185,10 +185,23 @@ def _dependence_factor(matches: ScanMatches, size: float) -> float:
 
     It is in terms of that of independent residuals; at least 2, for the target's noise.
     """
-    cells = np.floor(matches.moved / (_PATCH * size)).astype(np.int64)
-    _, patch = np.unique(cells, axis=0, return_inverse=True)
-    total = np.bincount(patch.reshape(-1), weights=matches.residual)
+    _, patch = distinct_rows(np.floor(matches.moved / (_PATCH * size)).astype(np.int64))
+    total = np.bincount(patch, weights=matches.residual)
     return max(2.0, float(np.sum(total**2) / max(np.sum(matches.residual**2), 1e-300)))
+
+
+def distinct_rows(rows: Int[np.ndarray, "n k"]) -> tuple[Int[np.ndarray, "m k"], Int[np.ndarray, " n"]]:
+    """Rows that differ, in ascending order by column, and the number among them of each given row.
+
+    As ``np.unique`` along an axis, which compares whole rows and takes four times as long.
+    """
+    order = np.lexsort(rows.T[::-1])  # its last key, here the first column, counts most
+    ascending = rows[order]
+    begins = np.ones(len(rows), dtype=bool)  # of a run of equal rows
+    begins[1:] = (ascending[1:] != ascending[:-1]).any(axis=1)
+    number = np.empty(len(rows), dtype=np.intp)
+    number[order] = np.cumsum(begins) - 1
+    return ascending[begins], number
 
 
 def coarse_pose(

@@ -37,6 +37,7 @@ from spinfilters.lidar.registration import (
     closest_points,
     cloud_of,
     coarse_pose,
+    distinct_rows,
     registered,
 )
 from spinfilters.lidar.scan_pose import (
@@ -244,9 +245,9 @@ class _Patches:
             (np.full(len(owner), scan), cells, near.residual),
             (owner[inside], cells[inside], -near.residual[inside]),
         ):
-            keys, patch = np.unique(np.column_stack([scans, rows]), axis=0, return_inverse=True)
+            keys, patch = distinct_rows(np.column_stack([scans, rows]))
             self._cells.append(keys)
-            self._sums.append(np.bincount(patch.reshape(-1), weights=residual, minlength=len(keys)))
+            self._sums.append(np.bincount(patch, weights=residual, minlength=len(keys)))
             self._squares += float(residual @ residual)
 
     @property
@@ -254,8 +255,8 @@ class _Patches:
         """Variance of the sums in terms of that of independent residuals, at least 1."""
         if not self._squares:
             return 1.0
-        _, patch = np.unique(np.concatenate(self._cells), axis=0, return_inverse=True)
-        total = np.bincount(patch.reshape(-1), weights=np.concatenate(self._sums))
+        _, patch = distinct_rows(np.concatenate(self._cells))
+        total = np.bincount(patch, weights=np.concatenate(self._sums))
         return max(1.0, float(total @ total) / self._squares)
 
 

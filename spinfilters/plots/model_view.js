@@ -105,7 +105,8 @@
     }
     if (pose && told.momentum.length) arrow(origin, told.momentum[epoch], 1.5 * told.radius, scale, "#f0e442", "momentum");
     if (pose && told.rate.length) arrow(origin, told.rate[epoch], 1.1 * told.radius, scale, "#e8a94c", "rate");
-    if (told.metric) { if (pose) camera(on, 0.3 * told.radius); bar(scale); }
+    if (told.metric && pose) camera(on, 0.3 * told.radius);
+    if (told.metric && (pose || told.sized)) bar(scale); // alone, a body of unknown size has no length
     label.textContent = pose ? "t = " + pose[0].toFixed(2) + " s, seen along z of frame i before you turn it" : "principal axes";
     canvas.dataset.drawn = String(pixels.reduce((sum, value) => sum + (value !== 0xff1c1814), 0));
   }

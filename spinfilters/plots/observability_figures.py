@@ -25,6 +25,7 @@ from observability.conditioning import (
 from observability.conditioning_report import TIME_STEPS
 from observability.cramer_rao import BLOCK_NAMES, EACH_MOMENT, MOMENTS, PLACE, Quantity
 from observability.further_sensors import OTHER_AXES, FurtherSensors
+from spinfilters.io.sensor_format import kind_called
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
 
 COLOURS: Final = dict(
@@ -82,7 +83,7 @@ def further_sensors_figure(found: FurtherSensors) -> Figure:
     Figure
         Not yet saved or shown.
     """
-    names, quantities = [each.name for each in found.sensors], found.quantities
+    names, quantities = [each.kind for each in found.sensors], found.quantities
     gains = np.array([[each.gains.get(name, 1.0) for name in quantities] for each in found.sensors])
     gains = np.vstack([np.ones(len(quantities)), gains.reshape(-1, len(quantities))])
     figure = Figure(figsize=(11.0, 2.2 + 0.5 * len(gains)), layout="constrained")
@@ -100,7 +101,7 @@ def further_sensors_figure(found: FurtherSensors) -> Figure:
     axes.set_xticks(range(len(labels)), ["\n".join(wrap(label, 16)) for label in labels], fontsize="small")
     axes.set_yticks(range(len(gains)), ["none", *names])
     axes.set_ylabel("further sensor")
-    beside = ", ".join(found.stated.case.sensors)
+    beside = ", ".join(map(kind_called, found.stated.case.sensors))
     axes.set_title(
         f"Bound beside {beside}; green: determined with the sensor only", loc="left", fontsize="medium"
     )
@@ -178,7 +179,7 @@ def _rank_panel(axes: Axes, certificate: Certificate) -> None:
     axes.annotate(
         f"{certificate.dimension} unknowns",
         (len(shown) - 0.6, certificate.dimension),
-        (0, 4),
+        (0, 16),  # above the numbers of the bars that reach the line
         textcoords="offset points",
         ha="right",
     )

@@ -22,7 +22,7 @@ body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper)
 h1{font-size:1.5rem;margin-bottom:.2rem;overflow-wrap:anywhere}
 h2{font-size:1.2rem;margin-top:2rem;border-bottom:1px solid var(--line);padding-bottom:.2rem}
 main{display:grid;grid-template-columns:minmax(0,1fr);gap:0 2rem}section{grid-column:1/-1;min-width:0}
-@media (min-width:1100px){main{grid-template-columns:minmax(0,1fr) minmax(0,1fr)}section.half{grid-column:auto}}
+@media (min-width:1100px){main{grid-template-columns:fit-content(65%) minmax(0,1fr)}section.half{grid-column:auto}}
 .pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,560px),1fr));gap:0 2rem}.pictures>div{min-width:0}
 table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums;margin:.6rem 0}
 th,td{padding:.22rem .6rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
@@ -38,7 +38,8 @@ figure{margin:1rem 0}figcaption{color:var(--soft);max-width:80ch}
 canvas{background:#14181c;border-radius:4px;max-width:100%;height:auto;touch-action:none}
 .controls{display:flex;gap:.6rem;align-items:center;flex-wrap:wrap}
 .controls input{flex:1 1 8rem;min-width:0;max-width:min(24rem,100%)}
-@media (max-width:480px){body{padding:0 .6rem}th,td{padding:.2rem .4rem}}
+@media (max-width:480px){body{padding:0 .6rem}th,td{padding:.2rem .4rem}
+.scroll th:first-child,.scroll td:first-child{white-space:normal;min-width:6.5rem;position:sticky;left:0;background:var(--paper)}}
 """
 
 
@@ -231,11 +232,14 @@ class ShownModel:
         Anticlockwise seen from outside, or none.
     grey : ndarray of float, shape (v,)
         From 0 to 255.
+    sized : bool
+        Whether its size is known. Otherwise only its shape is, and it has no scale bar by itself.
     """
 
     vertices: Float[np.ndarray, "v 3"]
     triangles: Int[np.ndarray, "f 3"]
     grey: Float[np.ndarray, " v"]
+    sized: bool = True
 
 
 BOX_CORNERS: Final = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -325,6 +329,7 @@ def _document(model: ShownModel, motion: ShownMotion) -> dict[str, object]:
         if motion.rate is None
         else _directions(np.einsum("nij,ni->nj", motion.rotation, motion.rate)),
         "metric": motion.sees_position,
+        "sized": model.sized,
     }
 
 
@@ -342,7 +347,9 @@ def _limit_points(model: ShownModel) -> ShownModel:
         return model
     rows = np.flatnonzero(np.isfinite(model.vertices).all(axis=1))
     rows = rows[:: max(1, -(-len(rows) // MOST_POINTS))]
-    return ShownModel(model.vertices[rows], np.zeros((0, 3), int), model.grey[rows])
+    return replace(
+        model, vertices=model.vertices[rows], triangles=np.zeros((0, 3), int), grey=model.grey[rows]
+    )
 
 
 def _finite_rows(motion: ShownMotion) -> Int[np.ndarray, " k"]:

@@ -17,6 +17,7 @@ from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.cameras import monocular_camera
 from spinfilters.core.polhode import polhode
+from spinfilters.evaluation.epoch_spans import FAR_ORIGIN, clock_text
 from spinfilters.evaluation.estimated_motion import BodyRates, Trajectory
 from spinfilters.io.camera import Rig
 from spinfilters.models.body import BodyEstimate
@@ -322,9 +323,16 @@ def _moves(camera: DrawnCamera | None) -> bool:
 
 
 def _title(time: Float[np.ndarray, " n"], has_landmarks: bool) -> str:
-    times = ", ".join(f"{each:.1f}" for each in time)
     landmarks = ", landmarks at the last" if has_landmarks else ""
-    return f"Principal axes at t = {times} s (stronger: later){landmarks}"
+    return f"Principal axes {_times_in_words(time)} (stronger: later){landmarks}"
+
+
+def _times_in_words(time: Float[np.ndarray, " n"]) -> str:
+    """Times, s; of a clock whose origin is far, such as that of Unix, after the first of them."""
+    first = float(time[0])
+    if abs(first) < FAR_ORIGIN:
+        return f"at t = {', '.join(f'{each:.1f}' for each in time)} s"
+    return f"{', '.join(f'{each:.1f}' for each in time - first)} s after t = {clock_text(first)} s"
 
 
 def _draw_path(axes: Axes3D, trajectory: Trajectory, initialisation: int) -> Float[np.ndarray, "n 3"]:

@@ -129,11 +129,16 @@ def _no_body(axes: Axes) -> None:
 
 
 def _limits(throws: Sequence[Throw], reference: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Limits that show sound throws and the reference."""
-    points = [throw.ratios for throw in throws if not throw.degraded] or [throw.ratios for throw in throws]
+    """Limits that show sound throws and the reference, and the ellipse of a throw of usual size."""
+    shown = [throw for throw in throws if not throw.degraded] or list(throws)
+    points = [throw.ratios for throw in shown]
     points = np.array(points if reference is None else [*points, reference])
     low, high = points.min(axis=0), points.max(axis=0)
-    margin = np.maximum(0.5 * (high - low), 0.01)
+    # an ellipse reaches `scale` deviations along each axis; the median, so that one vague throw does not hide the others
+    scale = float(np.sqrt(chdtri(2, 1.0 - ELLIPSE_PROBABILITY)))
+    deviations = np.array([np.sqrt(np.diagonal(throw.covariance)) for throw in shown])
+    reach = 1.1 * scale * np.median(np.nan_to_num(deviations, nan=0.0, posinf=0.0), axis=0)
+    margin = np.maximum.reduce([0.5 * (high - low), reach, np.full(2, 0.01)])
     return np.maximum(low - margin, 0.0), np.minimum(high + margin, 1.02)
 
 

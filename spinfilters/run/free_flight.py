@@ -16,6 +16,7 @@ from spinfilters.io.measurement_log import Acceleration, MeasurementStream
 from spinfilters.io.stated_values import to_state
 from spinfilters.run.flight_momentum import (
     ROTATION,
+    MomentumChange,
     RotationHistory,
     Stretch,
     covered,
@@ -93,6 +94,8 @@ def _is_long(history: RotationHistory, stretch: Stretch) -> bool:
     return len(stretch) >= FEWEST_SAMPLES and rotation >= LEAST_ROTATION
 
 
+LARGEST_GAIN: Final = 0.05
+"""Share of the momentum that may come on top over a flight, by noise: air only takes some, and a hand gives it."""
 LARGEST_STEP: Final[float] = np.pi
 """Rotation from one sample to the next, rad: of a flight that is sampled more slowly nothing is known in between."""
 WHOLE: Final = 0.9
@@ -171,7 +174,7 @@ def _unit_of_poses(stream: MeasurementStream) -> str:
 
 def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
     """Flights by the angular momentum; an accelerometer, where there is one, has a veto."""
-    found, steps = [], []
+    found, too_far = [], []
     for stretch in gyro_flights(stream.time, stream.values):
         rows = np.s_[stretch.start : stretch.end]
         time, rates = stream.time[rows], stream.values[rows]
@@ -179,22 +182,25 @@ def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
         if force is not None and force > LARGEST_FORCE:
             continue
         history = rotation_history(time, rates)
-        steps.append(float(history.angle[-1]) / (len(stretch) - 1))
-        if steps[-1] > LARGEST_STEP:
+        step = float(history.angle[-1]) / (len(stretch) - 1)
+        if step > LARGEST_STEP:
+            too_far.append(step)
             continue
-        found.append(_flight(stream, stretch, float(history.angle[-1]), _momentum_words(history, force)))
-    if steps and not found:
+        change = momentum_change(history, inertia_tensor(history, 0, len(history.time)))
+        if change.loss < -LARGEST_GAIN:
+            continue
+        found.append(_flight(stream, stretch, float(history.angle[-1]), _momentum_words(change, force)))
+    if too_far and not found:
         raise InputError(
-            f"{dataset.name}: the body turns by {min(steps):.3g} rad from one sample to the next, too far to find a flight; "
+            f"{dataset.name}: the body turns by {min(too_far):.3g} rad from one sample to the next, too far to find a flight; "
             f"if the time stamps are in ms, give {to_state('clock', 'ms')}; if the rates are in deg/s, {to_state('unit', 'deg/s')}"
         )
     return found
 
 
-def _momentum_words(history: RotationHistory, force: float | None) -> str:
-    tensor = inertia_tensor(history, 0, len(history.time))
-    change = momentum_change(history, tensor)
-    words = f"momentum kept to {100 * change.error:.2g} %, falls {100 * change.loss:.1f} %, turns {np.rad2deg(change.turn):.1f} deg"
+def _momentum_words(change: MomentumChange, force: float | None) -> str:
+    gone = f"{'falls' if change.loss > -5e-4 else 'grows'} {100 * abs(change.loss):.1f} %"
+    words = f"momentum kept to {100 * change.error:.2g} %, {gone}, turns {np.rad2deg(change.turn):.1f} deg"
     return words if force is None else f"{words}, force {force:.2g} m/s^2"
 
 

@@ -5,6 +5,7 @@ which is imported when a path is of it, or may be.
 """
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -20,15 +21,15 @@ from spinfilters.io.dataset_reader import (
     StatedReader,
     is_file_named,
 )
-from spinfilters.io.input_file import path_text, require_folder
+from spinfilters.io.input_file import first_text, path_text, require_folder
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.repeated_rows import without_repeated_rows
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
 from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 
 
-def without_repeated_rates(dataset: Dataset) -> Dataset:
-    """The data set without rows that only repeat the rates before; its description says how many."""
+def without_rows_logged_again(dataset: Dataset) -> Dataset:
+    """The data set without rows that only repeat the row before; its description says how many."""
     streams, remarks = [], []
     for stream in dataset.log.streams:
         kept, remark = without_repeated_rows(stream)
@@ -164,7 +165,7 @@ def _check_dataset(reader: DatasetReader, dataset: Dataset) -> Dataset:
     """What a reader made, without rows that a logger wrote again, where a sensor's format says that loggers do."""
     require_made(dataset, Dataset, f"reader {reader.name!r}")
     logged_again = any(sensor_format(name).logged_again for name in dataset.log.sensors)
-    return without_repeated_rates(dataset) if logged_again else dataset
+    return without_rows_logged_again(dataset) if logged_again else dataset
 
 
 class DatasetFolderReader(DatasetReader):
@@ -399,8 +400,11 @@ class TypedRowsReader(StatedReader):
 class ArrayExportReader(StatedReader):
     """Files of named arrays; columns are known by their names as those of a text table."""
 
-    name, order, words = "array-export", 45, "a .npz, .mat, .h5, .parquet or .json of arrays"
-    suffixes = (".npz", ".mat", ".h5", ".hdf5", ".parquet", ".pq", ".json")
+    name, order, words = "array-export", 45, "a .npz, .mat, .h5, .nc, .parquet, .feather or .json of arrays"
+    suffixes = (
+        *(".npz", ".mat", ".h5", ".hdf5", ".nc", ".parquet", ".pq", ".feather", ".arrow"),
+        *(".json", ".jsonl", ".ndjson"),
+    )
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the arrays that describe a motion."""
@@ -507,6 +511,76 @@ class OpenSimReader(StatedReader):
         return read_opensim_table(path, self.options)
 
 
+class ArrayFileReader(ArrayExportReader):
+    """Single arrays, asked for behind others' readers: what they hold has no names."""
+
+    name, order, words = "array-file", 54, "an array .npy"
+    suffixes = (".npy",)
+
+
+class BvhReader(StatedReader):
+    """Motion of a skeleton."""
+
+    name, order, words = "bvh", 55, "a skeleton's motion (.bvh)"
+    suffixes = (".bvh",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Poses of the root."""
+        from spinfilters.io.bvh_file import read_bvh
+
+        return read_bvh(path, self.options)
+
+
+_HEAD: Final = 1 << 12
+_IN_BRACKETS: Final = re.compile(r"[(\[]\s*[-+.\d]")
+_WORD_AND_NUMBER: Final = re.compile(r"[A-Za-z]{2}[ \t,;|]+[-+.\d]")
+"""What the first lines of a table of vectors, and of rows told by a word, have at least."""
+
+
+class VectorCellsReader(StatedReader):
+    """Tables with vectors in brackets."""
+
+    name, order, words = "vector-cells", 92, "a table of vectors in brackets"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the first rows of a text hold vectors in brackets."""
+        if not is_file_named(path, (".csv", ".tsv", ".txt", ".dat", ".log", ".out")):
+            return False
+        if _IN_BRACKETS.search(first_text(path, _HEAD)) is None:
+            return False
+        from spinfilters.io.vector_cells import has_vector_cells
+
+        return has_vector_cells(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the table."""
+        from spinfilters.io.vector_cells import read_vector_cells
+
+        return read_vector_cells(path, self.options)
+
+
+class WordedRowsReader(StatedReader):
+    """Logs of several sensors without a header."""
+
+    name, order, words = "worded-rows", 93, "a log of rows told by a word"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the first rows of a text are told by words, some of them by that of a gyro."""
+        if not is_file_named(path, (".csv", ".txt", ".dat", ".log", ".data", ".nmea")):
+            return False
+        if _WORD_AND_NUMBER.search(first_text(path, _HEAD)) is None:
+            return False
+        from spinfilters.io.worded_rows import has_worded_rows
+
+        return has_worded_rows(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates of the gyro."""
+        from spinfilters.io.worded_rows import read_worded_rows
+
+        return read_worded_rows(path, self.options)
+
+
 class OtherFolderReader(DatasetReader):
     """Any folder that no other reader recognises: refused with what it lacks."""
 
@@ -528,12 +602,12 @@ class MotionFileReader(StatedReader):
     name, order, words = "motion-table", 95, "a gyro .csv"
 
     def recognises(self, path: Path) -> bool:
-        """Whether a file is a single table, by suffix and name, and not a part of a data set folder."""
-        if not is_file_named(path, (".csv", ".tsv", ".tab", ".txt", ".dat", ".asc", ".log", ".data")):
-            return False
-        from spinfilters.io.motion_file import is_motion_file
+        """Whether a file is a single table, by suffix and name or its first rows, and not a part of a data set folder."""
+        from spinfilters.io.motion_file import has_rows_of_numbers, is_motion_file
 
-        return is_motion_file(path)
+        if is_file_named(path, (".csv", ".tsv", ".tab", ".txt", ".dat", ".asc", ".log", ".data")):
+            return is_motion_file(path)
+        return has_rows_of_numbers(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the table."""
@@ -577,7 +651,11 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     PoseGraphReader(),
     LabviewReader(),
     OpenSimReader(),
+    ArrayFileReader(),
+    BvhReader(),
     OtherFolderReader(),
+    VectorCellsReader(),
+    WordedRowsReader(),
     MotionFileReader(),
     SensorTableReader(),
 )

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any, Final
@@ -137,12 +138,9 @@ def _model_section(figure_data: FigureData, folder: Path) -> str:
     if model is None:
         model, what = _map_model(figure_data, evaluation), "The map of landmarks"
     if model is None:
-        model, what = (
-            shown_box(
-                box_edge(motion.position, motion.sees_position) * box_of_equal_inertia(body.principal_moments)
-            ),
-            "The uniform box of equal inertia, of no known size,",
-        )
+        edge = box_edge(motion.position, motion.sees_position)
+        box = shown_box(edge * box_of_equal_inertia(body.principal_moments))
+        model, what = replace(box, sized=False), "The uniform box of equal inertia, of no known size,"
     words = (
         f"{what} in principal axes (x red, y green, z blue: moments ascending), with the polhode in orange. Turn it by dragging, "
         f"the wheel makes it larger. The slider shows the motion that {evaluation.name} estimated, with rate and angular momentum."

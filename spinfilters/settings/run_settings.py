@@ -84,7 +84,7 @@ class _OptionsOfEveryState:
     iterations : int
         Largest number of iterations of its smoother.
     mass_std : float
-        Standard deviation of the prior of the mass distribution about the sphere, in ln of second moments (a phone is at 2).
+        Standard deviation of the prior of the mass distribution about the sphere, in ln of second moments (2 for a phone).
     centre_std : float
         Standard deviation of the prior of the centre of mass about the origin of g, m.
     speed_std : float

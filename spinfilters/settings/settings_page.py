@@ -11,11 +11,12 @@ from spinfilters.settings.settings_schema import field_words
 
 HEAD: Final = """# All settings
 
-`python -m spinfilters.settings.settings_page docs/reference/settings.md` makes this page from the code; a test compares the two.
-A settings file is TOML. `compare --config FILE` reads one, `--set KEY=VALUE` changes one key, and `./spinfilters.toml` is read
-where no other is named. A key that the file does not mention keeps its default. `"auto"` takes what the data set states.
+Look up a setting here, with its default and range. A settings file is TOML. `compare --config FILE` reads one, `--set KEY=VALUE`
+changes one key, and `./spinfilters.toml` is read if no other file is named ([more](../how-to/command-line.md#state-settings)).
+A key that the file does not mention keeps its default. `"auto"` takes what the data set states.
 
 `spinfilters schema settings` prints the same as a JSON Schema, with which editors complete and check a file.
+`python -m spinfilters.settings.settings_page docs/reference/settings.md` makes this page from the code; a test compares the two.
 """
 
 

@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 
 from spinfilters.io.consider_parameter import consider_parameters
 from spinfilters.io.sensor_format import noise_options
-from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_blocks import BLOCKS, StateBlock
 from spinfilters.settings.run_settings import CalibrationSettings, SensorSettings, Settings
 
 DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
@@ -73,12 +73,18 @@ def field_words(record: type) -> dict[str, str]:
             name: f"Standard deviation of {each.words}. {each.remark}".rstrip()
             for name, each in consider_parameters().items()
         }
-    found = {each.prior_option: f"Prior deviation of {each.phrase}, {each.unit}." for each in BLOCKS.values()}
+    found = {each.prior_option: _prior_text(each) for each in BLOCKS.values()}
     found = {name: text for name, text in found.items() if name in record.__annotations__}
     for owner in reversed(record.__mro__):
         for names, text in _ROW.findall(f"{getdoc(owner) or ''}\n"):
             found |= dict.fromkeys(names.split(", "), " ".join(text.split()))
     return found
+
+
+def _prior_text(block: StateBlock) -> str:
+    """Help of the prior of a constant, with its unit unless it is a pure number."""
+    unit = "" if block.unit == "1" else f", {block.unit}"
+    return f"Prior standard deviation of {block.phrase}{unit}."
 
 
 def _tables_of(record: type) -> list[type]:

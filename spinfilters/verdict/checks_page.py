@@ -13,15 +13,16 @@ from spinfilters.verdict.model_errors.jumps import KINDS
 
 HEAD = """# All checks of the verdict
 
-This page is made from the code by `python -m spinfilters.verdict.checks_page docs/reference/checks.md`; a test compares the two.
-
-An estimate is `ok` if none of these checks fails. In `summary.json`, `checks` names the failed ones with their numbers, and `holds`
-says of each quantity whether it is `ok`, `doubtful` or `not determined`. A quantity holds if it is determined and no failed check
-concerns it ([how](../theory/verdict.md#what-still-holds)). Words in italics are numbers of the finding.
+Look up the check that failed in a run: what it tests, how often it fails by chance, and what to do. An estimate is `ok` if none of
+these checks fails. In `summary.json`, `checks` names the failed ones with their numbers, and `holds` says of each quantity whether
+it is `ok`, `doubtful` or `not determined`. A quantity holds if it is determined and no failed check concerns it
+([how](../theory/verdict.md#what-still-holds)). Words in italics are numbers of the finding.
 
 A false alarm is a failure although nothing is wrong; its probability follows from the distribution of the test. Measured rates on
 simulated recordings come from `python -m experiments.what_holds` (every check, mixed motions) and
 `python -m experiments.honesty` (model errors, campaigns of right recordings).
+
+This page is made from the code by `python -m spinfilters.verdict.checks_page docs/reference/checks.md`; a test compares the two.
 """
 MODEL_ERRORS = """
 ## Errors of the models

@@ -23,7 +23,7 @@ from spinfilters.core.attitude_conversions import (
 from spinfilters.core.cameras import stereo_pair
 from spinfilters.io.camera import StereoRig
 from spinfilters.models.tracks.pose_consensus import Matches
-from spinfilters.models.tracks.track_poses import FittedPose, fit_poses
+from spinfilters.models.tracks.track_poses import FittedPose, fit_pose
 from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.stereo_geometry import near_pairs, pixels_by_point, pixels_of
 from spinfilters.vision.stereo_matching import EpochObservations, StereoFeatures, clear_pairs
@@ -217,6 +217,8 @@ RECENT: Final = 3
 """Epochs whose landmarks the odometry looks at."""
 FEWEST: Final = 8
 """Matches that a pose must rest on."""
+CERTAIN_SHARE: Final = 0.5
+"""Of the points that are found in the map at one pose: with so many, another one is not tried."""
 CLEAR_SHARE: Final = 0.2
 """Of the points that are found in the map: with fewer, poses from all landmarks are tried too."""
 PLACE_FLOOR: Final = 0.3
@@ -278,7 +280,7 @@ class _Candidate(NamedTuple):
     pose : ndarray of shape (7,)
         Where landmarks were looked for.
     state : tuple[int, int]
-        Of the map then (`Tracker._state`).
+        Of the map after that search (`Tracker._state`).
     features, rows : ndarray of int, shape (n,)
         Matches of features and landmarks around where it expects these.
     fit : FittedPose or None
@@ -318,7 +320,7 @@ class Tracker:
                 return None
             return self._begin_map(epoch, time, points, pose)
         if pose is not None:
-            return self._register_epoch(epoch, time, points, self._candidates(points, [pose])[0])
+            return self._register_epoch(epoch, time, points, self._candidate(points, pose))
         best = self._pose_by_odometry(time, points)
         return None if best is None else self._register_epoch(epoch, time, points, best)
 
@@ -335,9 +337,8 @@ class Tracker:
         return self._add_to_map(epoch, time, points, pose, self.landmarks.add(len(points)))
 
     def _pose_by_odometry(self, time: float, points: StereoFeatures) -> _Candidate | None:
-        """Pose from landmarks of the latest epochs, or at a constant rate.
+        """Pose from landmarks of the latest epochs; while it explains few points, at a constant rate, then from all landmarks.
 
-        From all landmarks where these explain little.
         The one is taken that most landmarks are found with: wrong matches may agree on a pose among themselves.
         """
         assert self.landmarks is not None
@@ -346,39 +347,33 @@ class Tracker:
             return None
         active = self.landmarks.active
         recent = np.flatnonzero(active & (self.landmarks.last_seen > self._latest - RECENT))
-        poses = [self.pose_by_descriptors(points, recent), constant_rate(self._poses[-2:], time)]
-        best = self._best_supported(points, poses)
+        best = self._better_supported(None, points, self.pose_by_descriptors(points, recent))
+        if best is None or best.support < CERTAIN_SHARE * len(points):
+            best = self._better_supported(best, points, constant_rate(self._poses[-2:], time))
         if best is None or best.support < CLEAR_SHARE * len(points):
             anywhere = self.pose_by_descriptors(points, np.flatnonzero(active))
-            best = self._best_supported(points, [None if best is None else best.pose, anywhere])
+            best = self._better_supported(best, points, anywhere)
         if best is None or best.support < FEWEST:
             self._losses.lose(EPOCHS, "whose pose was not found")
             return None
         # another candidate may have retired landmarks that this one was found with
-        return best if best.state == self._state else self._candidates(points, [best.pose])[0]
+        return best if best.state == self._state else self._candidate(points, best.pose)
 
-    def _best_supported(
-        self, points: StereoFeatures, poses: list[Float[np.ndarray, " 7"] | None]
+    def _better_supported(
+        self, best: _Candidate | None, points: StereoFeatures, pose: Float[np.ndarray, " 7"] | None
     ) -> _Candidate | None:
-        """The pose with which most landmarks are found where they must be; None where no landmark is."""
-        candidates = self._candidates(points, [pose for pose in poses if pose is not None])
-        best = max(candidates, key=lambda each: each.support, default=None)
-        return None if best is None or not best.support else best
+        """The pose, or the best one so far: that with which more landmarks are found where they must be, if any is."""
+        if pose is None:
+            return best
+        found = self._candidate(points, pose)
+        return found if found.support > (0 if best is None else best.support) else best
 
-    def _candidates(
-        self, points: StereoFeatures, poses: Sequence[Float[np.ndarray, " 7"]]
-    ) -> list[_Candidate]:
-        """Poses with what is found in the map around each, fitted together."""
-        searches = []
-        for pose in poses:
-            before = self._state
-            searches.append((pose, before, *self._search_landmarks(points, pose, 1.0, LossCount())))
-        fits = self._fit_poses([self._matches(points, features, rows) for *_, features, rows in searches])
-        found = []
-        for (pose, before, features, rows), fit in zip(searches, fits, strict=True):
-            inside = np.zeros(0) if fit is None else self._within_gate(points, fit.pose, features, rows)
-            found.append(_Candidate(pose, before, features, rows, fit, int(np.count_nonzero(inside))))
-        return found
+    def _candidate(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> _Candidate:
+        """A pose with what is found in the map around it, and what that agrees on."""
+        features, rows = self._search_landmarks(points, pose, 1.0, LossCount())
+        fit = self._fit_pose(points, features, rows)
+        inside = np.zeros(0) if fit is None else self._within_gate(points, fit.pose, features, rows)
+        return _Candidate(pose, self._state, features, rows, fit, int(np.count_nonzero(inside)))
 
     @property
     def _state(self) -> tuple[int, int]:
@@ -412,29 +407,16 @@ class Tracker:
         self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
     ) -> FittedPose | None:
         """Pose that most of the matches agree on (absolute orientation within RANSAC, then Gauss-Newton)."""
-        return self._fit_poses([self._matches(points, features, rows)])[0]
-
-    def _fit_poses(self, every: Sequence[Matches]) -> list[FittedPose | None]:
-        """Pose of each set of matches, None where there are too few."""
-        fits = list[FittedPose | None]([None] * len(every))
-        enough = [k for k, matches in enumerate(every) if len(matches.points) >= FEWEST]
-        if enough:
-            found = fit_poses([every[k] for k in enough], self._rig.calibration)
-            for k, fit in zip(enough, found, strict=True):
-                fits[k] = fit
-        return fits
-
-    def _matches(
-        self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
-    ) -> Matches:
-        """Features with the landmarks that they are."""
+        if len(rows) < FEWEST:
+            return None
         assert self.landmarks is not None
-        return Matches(
+        matches = Matches(
             self.landmarks.points[rows],
             points.values[features],
             self._covariance(points)[features],
             self.landmarks.covariance[rows],
         )
+        return fit_pose(matches, self._rig.calibration)
 
     def _register_epoch(
         self, epoch: int, time: float, points: StereoFeatures, found: _Candidate
@@ -468,14 +450,17 @@ class Tracker:
         late = landmarks.last_seen[rows] > self._latest - 2 * RECENT
         radius = scale * np.where(late, options.search_px, options.return_px)
         near = near_pairs(points.values, expected, scale * options.return_px)
-        feature, place = (
-            near.place[near.distance <= radius[near.other]],
-            near.other[near.distance <= radius[near.other]],
-        )
+        within = near.distance <= radius[near.other]
+        feature, place = near.place[within], near.other[within]
+        if not len(place):
+            losses.lose(GLOBAL, "without a counterpart", len(points))
+            return np.zeros(0, dtype=int), rows[:0]
+        alike = np.einsum("nd,nd->n", points.features.descriptors[feature], descriptors[place])
+        # a column for each landmark that any feature is near to, a fraction of those in view
+        columns, column = np.unique(place, return_inverse=True)
+        rows, expected = rows[columns], expected[columns]
         similarity = np.full((len(points), len(rows)), -1.0, dtype=np.float32)
-        similarity[feature, place] = np.einsum(
-            "nd,nd->n", points.features.descriptors[feature], descriptors[place]
-        )
+        similarity[feature, column] = alike
         second = second_numbers(similarity, rows, expected, options.similarity, options.same_px)
         landmarks.retire(rows[second])
         similarity[:, second] = -1.0
@@ -490,10 +475,7 @@ class Tracker:
 
     def _find_in_view(self, pose: Float[np.ndarray, " 7"]) -> _LandmarksInView:
         assert self.landmarks is not None
-        R, at = (
-            matrix_from_quaternion(pose[3:]),
-            self._predict_landmarks(pose, np.arange(self.landmarks.count)),
-        )
+        at, R = self._predict_landmarks(pose, np.arange(self.landmarks.count))
         pixels = pixels_of(at, self._rig)
         size = np.array([self._rig.left.width, self._rig.left.height])
         inside = (
@@ -516,9 +498,9 @@ class Tracker:
     ) -> Bool[np.ndarray, " n"]:
         """Matches whose error is explained by the noise of feature and landmark."""
         assert self.landmarks is not None
-        at = self._predict_landmarks(pose, rows)
+        at, R = self._predict_landmarks(pose, rows)
         error = points.values[features] - pixels_of(at, self._rig)
-        slope = pixels_by_point(at, self._rig) @ matrix_from_quaternion(pose[3:])
+        slope = pixels_by_point(at, self._rig) @ R
         spread = self._covariance(points)[features] + slope @ self.landmarks.covariance[rows] @ np.swapaxes(
             slope, 1, 2
         )
@@ -567,6 +549,8 @@ class Tracker:
 
     def _predict_landmarks(
         self, pose: Float[np.ndarray, " 7"], rows: Int[np.ndarray, " n"]
-    ) -> Float[np.ndarray, "n 3"]:
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "3 3"]]:
+        """Landmarks in the camera's frame, m, and the rotation of g to it."""
         assert self.landmarks is not None
-        return self.landmarks.points[rows] @ matrix_from_quaternion(pose[3:]).T + pose[:3]
+        R = matrix_from_quaternion(pose[3:])
+        return self.landmarks.points[rows] @ R.T + pose[:3], R

@@ -20,7 +20,7 @@ of rectified pixels, moves texture by a hundredth of a pixel, by the same one wh
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import cv2
@@ -61,30 +61,43 @@ def clear_of_outline(
     images: Sequence[Image], values: Float[np.ndarray, "n 3"], margin: float = MARGIN_PX
 ) -> Bool[np.ndarray, " n"]:
     """Whether points (u_left, v_left, u_right) keep a margin, px, from the background in both images."""
+    return _clear_of_background([background_distance(image) for image in images], values, margin)
+
+
+def _clear_of_background(
+    distances: Sequence[Float[np.ndarray, "h w"]], values: Float[np.ndarray, "n 3"], margin: float = MARGIN_PX
+) -> Bool[np.ndarray, " n"]:
+    """The same with the distances of both images' pixels to the background."""
     clear = np.ones(len(values), dtype=bool)
-    for image, columns in zip(images, ([0, 1], [2, 1]), strict=True):
-        column, row = np.clip(np.rint(values[:, columns]).astype(int), 0, np.array(image.shape[::-1]) - 1).T
-        clear &= background_distance(image)[row, column] >= margin
+    for distance, columns in zip(distances, ([0, 1], [2, 1]), strict=True):
+        column, row = np.clip(
+            np.rint(values[:, columns]).astype(int), 0, np.array(distance.shape[::-1]) - 1
+        ).T
+        clear &= distance[row, column] >= margin
     return clear if np.count_nonzero(~clear) <= LARGEST_SHARE * len(clear) else np.ones_like(clear)
 
 
 def background_distance(image: Image) -> Float[np.ndarray, "h w"]:
     """Distance of each pixel to the even background that reaches the border, px; infinite without one."""
-    border = np.zeros(image.shape, dtype=bool)
-    border[[0, -1]], border[:, [0, -1]] = True, True
-    level = float(np.median(image[border]))
-    spread = median_deviation(image[border] - level)
+    border = _border(image)
+    level = float(np.median(border))
+    spread = median_deviation(border - level)
     if spread > LARGEST_SPREAD:
         return np.full(image.shape, np.inf)
-    difference = np.abs(cv2.medianBlur(image, 3) - level)
-    even = (difference <= max(LEAST_DIFFERENCE, SPREADS * spread)).astype(np.uint8)
+    allowed = max(LEAST_DIFFERENCE, SPREADS * spread)
+    even = cv2.inRange(cv2.medianBlur(image, 3), np.ceil(level - allowed), np.floor(level + allowed))
     count, labelled = cv2.connectedComponents(even)
-    labels, reached = np.asarray(labelled, dtype=np.int64), np.zeros(count, dtype=bool)
-    reached[labels[border]] = True
-    reached[0] = False  # what is not even
-    if not reached.any():
+    labels, body = np.asarray(labelled, dtype=np.int32), np.ones(count, dtype=np.uint8)
+    body[_border(labels)] = 0
+    body[0] = 1  # what is not even
+    if body.all():
         return np.full(image.shape, np.inf)
-    return cv2.distanceTransform((~reached[labels]).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return cv2.distanceTransform(body[labels], cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+
+
+def _border(image: np.ndarray) -> np.ndarray:
+    """First and last row, then first and last column between them."""
+    return np.concatenate([image[0], image[-1], image[1:-1, 0], image[1:-1, -1]])
 
 
 HALF: Final = 5
@@ -185,29 +198,39 @@ class _Fit:
 
     Attributes
     ----------
-    step : ndarray of shape (n, 3)
-        Of shift and slopes.
-    residual : ndarray of shape (n,)
-        Over the contrast of the left patch.
+    template, error : ndarray of shape (n, m)
+        Grey values of the left patch, and what they differ by from the right one, both without their means.
+    slope : ndarray of shape (n, m)
+        Mean of both patches' derivatives along the row.
     """
 
-    step: Float[np.ndarray, "n 3"]
-    residual: Float[np.ndarray, " n"]
+    template: Patches
+    error: Patches
+    slope: Patches
 
     @classmethod
     def of(cls, template: Patches, slope: Patches, grey: Patches, own_slope: Patches) -> "_Fit":
-        """Damped Gauss-Newton step of each template to its right patch, with its residual."""
+        """Each template with its right patch."""
         T, own = _remove_mean(template), _remove_mean(grey)
         power = np.maximum((own * own) @ _WEIGHT, 1e-6)
         gain = np.clip((T * own) @ _WEIGHT / power, 0.5, 2.0)[:, None]
-        error = T - gain * own
-        J = _remove_mean(((gain * own_slope + slope) / 2)[..., None] * _BASIS)
+        return cls(T, T - gain * own, (gain * own_slope + slope) / 2)
+
+    @property
+    def step(self) -> Float[np.ndarray, "n 3"]:
+        """Damped Gauss-Newton step of shift and slopes."""
+        J = _remove_mean(self.slope[..., None] * _BASIS)
         weighted = np.swapaxes(J * _WEIGHT[:, None], 1, 2)
         information = (weighted @ J).astype(float) + np.diag(DAMPING)
-        step = np.linalg.solve(information, weighted @ error[..., None])[..., 0]
+        step = np.linalg.solve(information, weighted @ self.error[..., None])[..., 0]
         step[:, 0] = np.clip(step[:, 0], -LARGEST_STEP_PX, LARGEST_STEP_PX)
-        contrast = np.sqrt((T * T) @ _WEIGHT)
-        return cls(step, np.sqrt((error * error) @ _WEIGHT) / np.maximum(contrast, 1.0))
+        return step
+
+    @property
+    def residual(self) -> Float[np.ndarray, " n"]:
+        """Root mean square of the errors over the contrast of the left patch."""
+        contrast = np.sqrt((self.template * self.template) @ _WEIGHT)
+        return np.sqrt((self.error * self.error) @ _WEIGHT) / np.maximum(contrast, 1.0)
 
 
 def _remove_mean(values: np.ndarray) -> np.ndarray:
@@ -221,6 +244,10 @@ MARGIN_SHARE: Final = 0.2
 """Of their extent, that is added to the margin."""
 FEWEST_SHARE: Final = 0.5
 """Of the last pair's points: fewer in that region, and the whole images are searched."""
+STAR_PX: Final = 2.0
+"""Half the width of a spot that is no part of a body."""
+GRID_PX: Final = 8
+"""Between pixels of the fourth octave."""
 
 Region = tuple[int, int, int, int]
 """First and last column, first and last row (the last ones excluded)."""
@@ -295,20 +322,39 @@ class StereoPoints:
     ) -> StereoFeatures:
         first, last, top, bottom = region or (0, left.shape[1], 0, left.shape[0])
         cut = [np.ascontiguousarray(image[top:bottom, first:last]) for image in (left, right)]
-        gain = exposure_gain(cut[0])
+        gain, distances = exposure_gain(cut[0]), [background_distance(image) for image in cut]
         left, right = (stretched(image, gain) for image in cut)
-        of_left, of_right = self._threads.map(_detect, self._detectors, (left, right))
+        # without a region of the last pair all is searched, also what is as dark as the background
+        boxes = [_whole(image) if region is None else self._body_box(image) for image in distances]
+        of_left, of_right = self._threads.map(_detect, self._detectors, (left, right), boxes)
         seen = SeenImage(left, of_left), SeenImage(right, of_right)
         offset = np.array([first, top])
         rig = self._rectification.stereo
         points = match_stereo(seen[0], seen[1], rig, self._options.stereo, losses)
-        clear = clear_of_outline((cut[0], cut[1]), points.values)
+        clear = _clear_of_background(distances, points.values)
         losses.lose(STEREO, "at the outline of the body", int(np.count_nonzero(~clear)))
         return points.part(clear).moved(offset)
 
+    def _body_box(self, distance: Float[np.ndarray, "h w"]) -> Region:
+        """The body, also where parts of it are as dark as the background, but no star; with the detector's clearance."""
+        column, row, width, height = cv2.boundingRect((distance > STAR_PX).astype(np.uint8))
+        if not width:
+            return _whole(distance)
+        clearance = self._detectors[0].clearance
+        # from a pixel of every octave on, so that the part has the scale space of the whole
+        first, top = (max(each - clearance, 0) // GRID_PX * GRID_PX for each in (column, row))
+        return first, column + width + clearance, top, row + height + clearance
 
-def _detect(finder: Detector, image: UInt8[np.ndarray, "h w"]) -> Features:
-    return finder.detect(image)
+
+def _detect(finder: Detector, image: UInt8[np.ndarray, "h w"], box: Region) -> Features:
+    """Features within a box, in pixels of the image."""
+    first, last, top, bottom = box
+    found = finder.detect(np.ascontiguousarray(image[top:bottom, first:last]))
+    return replace(found, pixels=found.pixels + np.array([first, top]))
+
+
+def _whole(image: np.ndarray) -> Region:
+    return 0, image.shape[1], 0, image.shape[0]
 
 
 def _region_around(points: StereoFeatures, size: tuple[int, ...]) -> Region:

@@ -53,7 +53,16 @@ class Features:
 
 
 class Detector(Protocol):
-    """Finds feature points."""
+    """Finds feature points.
+
+    Attributes
+    ----------
+    clearance : int
+        px between places of interest and the border of an image, for nothing is found near that.
+    """
+
+    @property
+    def clearance(self) -> int: ...
 
     def detect(self, image: UInt8[np.ndarray, "h w"]) -> Features:
         """Features of an image."""
@@ -62,6 +71,9 @@ class Detector(Protocol):
 
 class SiftDetector:
     """SIFT (Lowe 2004) with root descriptors (Arandjelovic and Zisserman 2012)."""
+
+    clearance = 24
+    """Five pixels of the third octave of the image's own size."""
 
     def __init__(self) -> None:
         self._sift = cv2.SIFT.create(
@@ -80,6 +92,9 @@ class SiftDetector:
 
 class OrbDetector:
     """ORB features (Rublee et al. 2011), faster and less exact; descriptor bits are kept as +1 and -1."""
+
+    clearance = 112
+    """31 pixels of the last of eight levels, each 1.2 times as coarse as the one before."""
 
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(nfeatures=MOST_FEATURES, fastThreshold=8)
@@ -251,18 +266,19 @@ def _best_on_row(
     """Rows of left and right features that are each other's best, clearly."""
     if not len(left) or not len(right):
         return np.zeros((0, 2), dtype=int)
-    gap = left.pixels[:, None] - right.pixels[None]
+    # of all pairs, few are on one row: the other limits are looked at for these alone
+    tolerance = options.row_tolerance + 0.1 * left.size[:, None]
+    one, other = np.nonzero(np.abs(left.pixels[:, 1, None] - right.pixels[:, 1]) <= tolerance)
+    disparity = left.pixels[one, 0] - right.pixels[other, 0]
     nearest, farthest = options.depths
     scale = rig.left.fx * rig.baseline_m
-    tolerance = options.row_tolerance + 0.1 * left.size[:, None]
-    allowed = (
-        (np.abs(gap[..., 1]) <= tolerance)
-        & (gap[..., 0] <= scale / nearest)
-        & (gap[..., 0] >= scale / farthest)
-    )
-    ratio = left.size[:, None] / right.size[None]
+    allowed = (disparity <= scale / nearest) & (disparity >= scale / farthest)
+    ratio = left.size[one] / right.size[other]
     allowed &= (ratio <= options.size_ratio) & (ratio >= 1 / options.size_ratio)
-    similarity = np.where(allowed, left.descriptors @ right.descriptors.T, -1.0)
+    one, other = one[allowed], other[allowed]
+    products = left.descriptors @ right.descriptors.T
+    similarity = np.full_like(products, -1.0)
+    similarity[one, other] = products[one, other]
     return clear_pairs(similarity, options.similarity, options.ratio, losses, STAGE)
 
 

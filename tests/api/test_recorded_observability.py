@@ -22,6 +22,12 @@ def test_the_bound_of_poses_is_what_the_smoother_states() -> None:
     assert str(found).startswith("pose of 40 epochs in 19.5 s; the sensor pose, ")
 
 
+def test_the_interval_of_epochs_does_not_depend_on_the_origin_of_the_clock() -> None:
+    stream = spinfilters.simulate("attitude", frames=30, rate_rpm=RICH).log.stream("attitude")
+    dataset = spinfilters.Dataset.from_arrays("attitude", stream.time + 1.7e9, stream.values)
+    assert "after 30 frames at 0.5 s" in str(spinfilters.observe_recording(dataset))
+
+
 def test_tracks_take_the_landmarks_seen_most_often() -> None:
     found = spinfilters.observe_recording(spinfilters.simulate("stereo-tracks", frames=12, rate_rpm=RICH))
     assert "the 60 landmarks seen most often of " in str(found)

@@ -74,3 +74,9 @@ def empty_rows() -> Iterator[str]:
 
 def test_no_row_of_the_reference_is_empty() -> None:
     assert not list(empty_rows())
+
+
+def test_the_page_shows_every_public_name_of_the_package() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    (listed,) = re.findall(r"^::: spinfilters\n    options:\n      members: \[([^]]*)\]", page, re.MULTILINE)
+    assert set(re.findall(r"\w+", listed)) == set(spinfilters.__all__)

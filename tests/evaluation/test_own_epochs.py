@@ -142,7 +142,7 @@ def test_a_filter_that_failed_before_its_first_own_epoch_has_no_statistics() -> 
 
 
 @pytest.mark.parametrize(
-    ("origin", "says"), [(0.0, "from t = "), (1.7e9, "s after the first epoch, t = 1700000000")]
+    ("origin", "says"), [(0.0, "from t = "), (1.7e9, "s after the first epoch (t = 1700000000")]
 )
 def test_times_of_a_clock_since_1970_are_said_after_the_first_epoch(origin: float, says: str) -> None:
     history = poor_beginning()

@@ -150,6 +150,17 @@ def test_lost_markers_are_left_out() -> None:
     assert abs(fit.clock_offset - LATE) < max(4e-3, 4 * fit.clock_std)
 
 
+def test_turning_points_of_a_reference_without_noise_are_no_jumps() -> None:
+    history, truth = smoothed()
+    exact = moved(truth)[0]
+    every = np.arange(len(exact.time))
+    assert compare_with_reference(history, exact).reference.left_out == ()
+    assert exact.position is not None
+    position = np.where(np.isin(every, [7, 23, 24])[:, None], exact.position + 2.0, exact.position)
+    left = compare_with_reference(history, replace(exact, position=position)).reference.left_out
+    assert left == ("3 rows that jump",)
+
+
 def test_rates_alone_give_clock_and_axes() -> None:
     history, truth = smoothed()
     whole = reference_of_truth(truth)

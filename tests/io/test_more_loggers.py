@@ -366,7 +366,11 @@ def nested_json(folder: Path) -> Path:
 WITH_A_HINT: tuple[tuple[Callable[[Path], Path], dict[str, Any], str], ...] = (
     (vins_mono, {"columns": "t,px,py,pz,qw,qx,qy,qz,-"}, "--columns"),
     (nclt, {"columns": "utime,-,-,-,wx,wy,wz"}, "--columns"),
-    (ros2_echo, {"columns": "stamp.sec,stamp.nanosec,-,-,-,-,-,wx,wy,wz"}, "clock"),
+    (
+        ros2_echo,
+        {"columns": "stamp.sec,stamp.nanosec,-,-,-,-,-,wx,wy,wz"},
+        "--columns stamp.sec,stamp.nanosec,-,",
+    ),
     (serial_without_unit, {"unit": "deg/s"}, "--unit"),
     (dat_con, {"unit": "deg/s"}, "--unit"),
     (polaris, {"rate": 50.0}, "--rate"),

@@ -41,7 +41,9 @@ def test_the_documentation_tells_the_order_of_the_readers() -> None:
     assert sorted(map(int, rows)) == [reader.order for reader in dataset_readers()]
 
 
-def test_a_file_that_no_reader_recognises_is_refused_with_what_can_be_given(recording: Path) -> None:
+def test_a_file_that_no_reader_recognises_is_refused_with_what_can_be_given(tmp_path: Path) -> None:
+    recording = tmp_path / "toss.rec"
+    recording.write_bytes(b"REC\x00\x01\x02")
     with pytest.raises(InputError, match=r"give a folder, a phyphox export, .*, a gyro \.csv or a TUM"):
         spinfilters.load(recording)
 

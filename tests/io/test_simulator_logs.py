@@ -270,7 +270,7 @@ WITH_A_HINT: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
             " ",
         ),
         {"columns": "t,qw,qx,qy,qz"},
-        "clock",
+        "--columns t,qx,qy,qz,qw or t,qw,qx,qy,qz",
     ),
     "eight numbers that are no pose": (
         lambda folder: text(folder / "t.dat", "", np.column_stack([TIME, WXYZ, RATES]).tolist(), "\t"),

@@ -269,9 +269,9 @@ def deep(folder: Path) -> Path:
 def test_a_deep_or_empty_log_is_refused_in_one_line(make: Callable[[Path], Path], tmp_path: Path) -> None:
     with pytest.raises(InputError):
         spinfilters.load(make(tmp_path))
-    rows = document(tmp_path, [{"t": k, "name": "a", "x": k} for k in range(3)])
-    with pytest.raises(InputError, match="not all its columns are numbers"):
-        spinfilters.load(rows, columns="t,x,y")
+    rows = document(tmp_path, [{"t": k, "name": "a", "x": k, "y": 1, "z": 0} for k in range(3)])
+    with pytest.raises(InputError, match="'x' is 'a', not a number"):
+        spinfilters.load(rows, columns="t,x,y,z,-", unit="rad/s")
 
 
 @pytest.mark.parametrize(("make", "why"), REFUSED)

@@ -93,7 +93,7 @@ def test_a_body_without_faces_is_told_to_use_the_poses(tmp_path: Path) -> None:
 
 def test_errors_of_the_models_are_looked_for_in_points_whose_angles_have_no_innovation() -> None:
     """A row has three noises and one innovation: the run was called degraded, out of an index."""
-    settings = Settings(estimators=("mekf",))
+    settings = Settings(estimators=("mekf",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
     prepared = prepare(simulate("lidar-points", seed=0, frames=8, interval=1.0), settings)
     (found,) = plainly_compared(prepared, settings).evaluations
     assert not [reason for reason in found.history.status.reasons if "models could not be tested" in reason]

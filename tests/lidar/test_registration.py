@@ -1,9 +1,10 @@
 """A registered cloud is where it was moved to, within the deviations of its information."""
 
 import numpy as np
+import pytest
 
 from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
-from spinfilters.lidar.registration import cloud_of, registered
+from spinfilters.lidar.registration import cloud_of, distinct_rows, registered
 from spinfilters.lidar.scan_pose import rotation_vector
 
 EYE = np.array([-3.0, 0.0, 0.0])
@@ -48,3 +49,14 @@ def test_clouds_without_noise_keep_their_neighbours() -> None:
     found = registered(source, target, np.eye(3), np.zeros(3), 0.3)
     assert found.overlap > 0.8
     assert np.linalg.norm(rotation_vector(found.rotation @ ROTATION.T)) < 1e-3
+
+
+@pytest.mark.parametrize("largest", [2, 10**12])
+def test_distinct_rows_are_those_of_numpy(largest: int) -> None:
+    rows = np.random.default_rng(0).integers(-largest, largest, (200, 3))
+    rows = np.concatenate([rows, rows[::7]])
+    for some in (rows, rows[:1], rows[:0]):
+        found, number = distinct_rows(some)
+        expected, same = np.unique(some, axis=0, return_inverse=True)
+        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(number, same.reshape(-1))

@@ -49,6 +49,15 @@ def test_limits_show_every_sound_throw_and_the_reference_though_a_degraded_one_l
     assert low < REFERENCE[0] < high < 0.7
 
 
+def test_limits_show_the_ellipse_of_a_single_sound_throw() -> None:
+    covariance = np.diag([0.045, 0.037]) ** 2
+    axes = throws_figure([Throw(1, np.array([0.28, 0.78]), covariance)]).axes
+    low, high = axes[0].get_xlim()
+    assert low < 0.28 - 2 * 0.045 < 0.28 + 2 * 0.045 < high
+    low, high = axes[2].get_ylim()
+    assert low < 0.78 - 1.96 * 0.037 < 0.78 + 1.96 * 0.037 < high
+
+
 @pytest.mark.parametrize("count", [1, 9])
 def test_the_figure_is_drawn_for_any_number_of_throws(count: int) -> None:
     target = BytesIO()

@@ -120,6 +120,7 @@ def test_a_belief_drawn_about_the_truth_is_consistent(poses: spinfilters.Dataset
         ({"covariance": [[1.0]]}, "both state deviations"),
         ({"std": {}, "covariance": [[1.0]]}, "give 20 x 20"),
         ({"median": 1}, "belief.median is unknown"),
+        ({"mean": {}, "std": {}}, "belief states no mean"),
     ],
 )
 def test_a_belief_that_cannot_be_is_refused(

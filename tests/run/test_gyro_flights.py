@@ -77,6 +77,19 @@ def test_a_steady_spin_is_free_and_what_a_table_turns_is_not_where_an_accelerome
     assert free < 0.1 < 9.0 < turned
 
 
+def test_a_motion_that_gains_momentum_is_no_flight(log: Carried) -> None:
+    """A torque along the momentum keeps its direction: the motion is free but for its size."""
+    inside = (log.time >= FLIGHTS[0][0]) & (log.time <= FLIGHTS[0][1])
+    time, rates = log.time[inside], log.rates[inside]
+    share = 0.2 / (time[-1] - time[0])
+    for sign, count in ((-1.0, 1), (1.0, 0)):
+        size = np.exp(sign * share * (time - time[0]))
+        # a motion whose rates grow in size runs through the same attitudes in less time
+        slow = np.concatenate([[0.0], np.cumsum(np.diff(time) / size[:-1])])
+        driven = MeasurementStream("gyro", time[0] + slow, rates * size[:, None])
+        assert len(find_flights(Dataset(kind="gyro", log=MeasurementLog((driven,))))) == count
+
+
 def test_attitudes_are_exact_for_a_constant_rate() -> None:
     time = np.arange(0, 3, 0.05)
     history = rotation_history(time, np.tile([1.0, 2.0, -1.5], (len(time), 1)))

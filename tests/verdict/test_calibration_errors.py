@@ -148,7 +148,7 @@ def test_parts_add_up_and_are_told_in_summary_and_table() -> None:
     }
     assert any("scale of the clock 1 %" in line for line in document["conditions"]["sentences"])
     rows = [row[0] for section in comparison_cells(compared().evaluations).sections for row in section]
-    assert "rate: random / calibration [deg/s]" in rows
+    assert "rate in i: random / calibration [deg/s]" in rows
 
 
 def test_a_data_set_that_is_silent_is_not_taken_for_exact() -> None:

@@ -141,7 +141,7 @@ def test_deviations_of_a_gyro_hold_with_errors_that_may_be_correlated() -> None:
     assert list(document["rate_rad_s"].values()) == half_widths.tolist()
     assert list(document["rate_rad_s"]) == ["50", "80", "95"]
     cells = comparison_cells([evaluation])
-    assert "rate: 95 % within ± [deg/s]" in {row[0] for section in cells.sections for row in section}
+    assert "rate in i: 95 % within ± [deg/s]" in {row[0] for section in cells.sections for row in section}
     assert INTERVAL_CAPTION in cells.captions
 
 

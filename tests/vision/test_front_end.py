@@ -14,9 +14,10 @@ from spinfilters.core.cameras import stereo_pair
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.run.readers import read_dataset
-from spinfilters.vision.front_end import FrontEndOptions
+from spinfilters.vision.front_end import FrontEndOptions, StereoPoints
 from spinfilters.vision.image_folder import (
     STAGE,
+    ImagePair,
     LossCount,
     PairReader,
     StampedPair,
@@ -24,7 +25,12 @@ from spinfilters.vision.image_folder import (
     stamped_pairs,
 )
 from spinfilters.vision.stereo_matching import DETECTORS
-from spinfilters.vision.track_images import TrackedImages, track_images, track_images_online
+from spinfilters.vision.track_images import (
+    TrackedImages,
+    read_image_source,
+    track_images,
+    track_images_online,
+)
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +78,24 @@ def test_the_same_images_give_the_same_tracks(rendered_folder: Path, tracked: Tr
     again = track_images(rendered_folder)
     np.testing.assert_array_equal(again.dataset.log.streams[0].values, tracked.dataset.log.streams[0].values)
     assert again.losses.document == tracked.losses.document
+
+
+@pytest.mark.parametrize("brightness", [1.0, 0.1])
+def test_around_the_last_points_the_same_points_are_found_as_in_whole_images(
+    brightness: float, rendered_folder: Path
+) -> None:
+    source = read_image_source(rendered_folder, LossCount())
+    reader = PairReader(source.rectification.rig.size, LossCount())
+    first, second = [
+        ImagePair(pair.time, *((brightness * image).astype(np.uint8) for image in pair[1:]))
+        for pair in read_pairs(source.pairs[:2], reader)
+        if pair is not None
+    ]
+    of_part, of_whole = (StereoPoints(source.rectification, FrontEndOptions(), LossCount()) for _ in range(2))
+    of_part.of(first)
+    part, whole = (finder.of(second).values for finder in (of_part, of_whole))
+    apart = np.linalg.norm(part[:, None] - whole, axis=2).min(axis=0)
+    assert (apart < 0.05).mean() > 0.8
 
 
 @pytest.mark.parametrize("detector", DETECTORS)

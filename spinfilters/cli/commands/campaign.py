@@ -25,9 +25,7 @@ class RunStudyArguments:
     study: Annotated[str, Argument("study file", positional=True, metavar="STUDY.toml")]
     output: Annotated[str, Argument("folder of the rows", short="-o", metavar="OUT")]
     how: Annotated[CampaignArguments, ArgumentGroup()] = field(default_factory=CampaignArguments)
-    shard: Annotated[str | None, Argument("of earlier versions; --scheduler replaces it", metavar="i/N")] = (
-        None
-    )
+    shard: Annotated[str | None, Argument("no longer available; use --scheduler", metavar="i/N")] = None
 
 
 def run_study(options: RunStudyArguments) -> int:
@@ -138,7 +136,7 @@ COMMAND = CommandGroup(
             common=PrintingOptions,
         ),
         Command(
-            "merge", MergeArguments, refuse_shards, help="of earlier versions; run --scheduler replaces it"
+            "merge", MergeArguments, refuse_shards, help="no longer available; use campaign run --scheduler"
         ),
         Command("repeat", RepeatArguments, repeat_run, help="make one run again", common=PrintingOptions),
     ),

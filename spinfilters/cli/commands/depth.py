@@ -91,8 +91,8 @@ COMMAND = Command(
     "depth",
     DepthArguments,
     depth,
-    "Local matching compares blocks (OpenCV's sums of absolute differences), global matching makes neighbours agree (semi-global "
-    "matching, Hirschmueller 2008), as section 2.10 of Tweddle (2013) sets side by side. Pixels without texture are left "
-    "out. depth.npz has a map each; with --rig also the depth in metres.",
+    "Local matching compares blocks (OpenCV's sums of absolute differences). Global matching makes neighbours agree (semi-global "
+    "matching, Hirschmueller 2008). Section 2.10 of Tweddle (2013) compares both. Pixels without texture are left out. "
+    "depth.npz has a disparity map of each; with --rig also the depth in metres.",
     common=FigureOptions,
 )

@@ -175,6 +175,6 @@ COMMAND = Command(
     PolhodeArguments,
     polhode,
     "Torque-free motion in closed form, without a recording (Tweddle 2013, section 2.5, Figures 2-6 to 2-10). Moments that no "
-    "rigid body has are drawn as numbers, and named; beside them is the nearest body that can exist.",
+    "rigid body can have are drawn all the same, and the output says so. The nearest body that can exist is drawn too.",
     common=FigureOptions,
 )

@@ -23,7 +23,7 @@ class FuseArguments:
     ]
     same_axes: Annotated[
         bool,
-        Argument("axes g are fixed to the body alike in all recordings: fuse principal axes too"),
+        Argument("axes g are fixed to the body in the same way in all recordings: fuse principal axes too"),
     ] = False
     output: Annotated[str, Argument("fused.json and inertia.toml", short="-o", metavar="FOLDER")] = (
         "runs/fused"

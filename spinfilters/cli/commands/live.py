@@ -151,8 +151,8 @@ COMMAND = Command(
     "live",
     LiveArguments,
     live,
-    "DATASET states sensors, noise, camera and the initialisation. Without --input its own measurements after that follow at their "
-    "own pace; with it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing file. Answers go to standard "
-    "output, counts to standard error in the end; with --json, the counts alone go to standard output.",
+    "DATASET states sensors, noise and camera, and its first epochs initialise the filter. Without --input the later measurements "
+    "of DATASET are replayed at their own pace. With it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing "
+    "file. Answers go to standard output, counts to standard error at the end. With --json only the counts go to standard output.",
     common=FigureOptions,
 )

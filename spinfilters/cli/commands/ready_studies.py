@@ -17,7 +17,7 @@ class ReadyStudyArguments:
 
     names: Annotated[
         tuple[str, ...],
-        Argument("ready studies; all, or list", positional=True, metavar="NAME"),
+        Argument("names of ready studies, all, or list to print them", positional=True, metavar="NAME"),
     ]
     output: Annotated[
         str,

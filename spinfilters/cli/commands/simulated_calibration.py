@@ -79,7 +79,8 @@ COMMAND = Command(
     "calibration",
     CalibrationArguments,
     calibrate_by_simulation,
-    "Simulates recordings from a stated prior, and tests whether the truth lies in what estimators state as often as it should: "
-    "ranks with their band, coverage, scores, and the verdict as a classifier. An interrupted call goes on where it ended.",
+    "Simulates recordings from a stated prior, and tests whether the truth lies in stated intervals as often as it should. "
+    "The result has ranks with their band, coverage, scores, and how often the verdict is right. An interrupted call goes on "
+    "where it ended.",
     common=PrintingOptions,
 )

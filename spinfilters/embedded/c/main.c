@@ -97,6 +97,8 @@ int main(int count, char **arguments)
   else
     /* epochs of recording.h at a fixed interval */
     for (int k = 0; k < RECORDING_EPOCHS && status == 0; ++k) status = take(RECORDING_INTERVAL * k, recording + VALUES * k);
+  if (filter.refused >= 3)
+    fprintf(stderr, "the filter is lost: the start state does not fit these rows; put your own into start_state.h (spinfilters embed --from-run)\n");
   fprintf(stderr, "%lu epochs, %lu of them not used; the filter takes %lu bytes\n", epochs, not_used, (unsigned long)sizeof filter);
   return status;
 }

@@ -71,6 +71,7 @@ class AttitudeSensor(Sensor):
         kind="attitude",
         file="attitudes.csv",
         columns=("qx", "qy", "qz", "qw"),
+        logged_again=True,  # fast loggers hold the latest attitude of a slower sensor
         dimension=3,
         noise=(
             NoiseOption(

@@ -102,6 +102,7 @@ def pose_format(
         kind=name,
         file=file,
         columns=("tx", "ty", "tz", "qx", "qy", "qz", "qw"),
+        logged_again=True,  # displays and robots hold the latest pose of a slower tracker
         dimension=6,
         noise=(
             NoiseOption(
