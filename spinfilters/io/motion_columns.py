@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -132,6 +133,7 @@ class Heading:
     is_si: bool = False
 
 
+@lru_cache(maxsize=4096)
 def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
     """Parsed heading of a column; None of a column that describes no motion.
 

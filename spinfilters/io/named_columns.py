@@ -14,7 +14,7 @@ from spinfilters.io.calendar_clock import seconds_of_clock, seconds_of_dates
 from spinfilters.io.input_file import parse_number, path_text, value_text
 from spinfilters.io.table_layout import TableLayout, data_lines
 from spinfilters.io.text_table import Table, read_columns
-from spinfilters.io.unnamed_columns import ROWS
+from spinfilters.io.unnamed_columns import MOST_COLUMNS, ROWS
 
 
 class NamedColumns(Protocol):
@@ -247,6 +247,8 @@ def numbers_of(source: NamedColumns) -> Float[np.ndarray, "n m"]:
     """First rows of all columns, NaN in those that are no numbers; none of a table too large to be read column by column."""
     found: dict[int, np.ndarray] = {}
     width = len(source.names)
+    if width > MOST_COLUMNS:
+        return np.empty((0, 0))
     for column in range(width):
         with suppress(InputError):
             values = source.read([column]).values
