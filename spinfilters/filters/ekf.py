@@ -34,7 +34,7 @@ from spinfilters.filters.iterated_update import (
     linear_model_holds,
     sample_rows,
 )
-from spinfilters.filters.landmark_observations import SolvedObservations
+from spinfilters.filters.landmark_observations import SolvedObservations, corrected_at_landmarks
 from spinfilters.filters.landmark_steps import MapObservations
 from spinfilters.filters.measurement_prediction import LinearisedRows, linear_rows
 from spinfilters.filters.noise_levels import AdaptationOptions
@@ -219,11 +219,13 @@ class MultiplicativeEkf(FirstOrderFilter):
         self, observations: MapObservations, outliers: SensorOutlierRejection
     ) -> SolvedObservations:
         """By derivatives at the mean, iterated where the model is far from linear."""
-        first = super().correct_by_landmarks(observations, outliers)
-        if is_small(self.layout, self.mean, first.correction, self._iteration):
-            return first
-        problem = IteratedObservations(observations, self.mean, self.factor, first)
-        return problem.solution(self._iteration)
+        found = super().correct_by_landmarks(observations, outliers)
+        if self._iteration.iterations == 1:
+            return found
+        if not is_small(self.layout, self.mean, found.correction, self._iteration):
+            problem = IteratedObservations(observations, self.mean, self.factor, found)
+            found = problem.solution(self._iteration)
+        return corrected_at_landmarks(observations, self.mean, self.factor, found)
 
     def _is_small(self, update: Update) -> bool:
         return is_small(self.layout, self.mean, update.correction, self._iteration)

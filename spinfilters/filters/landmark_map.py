@@ -26,6 +26,7 @@ from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.square_root import Correction
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.measurement import LandmarkSensor, NewLandmarks
+from spinfilters.models.state_blocks import ATTITUDE
 from spinfilters.models.state_layout import StateLayout
 
 CONFIRMED = 2
@@ -33,6 +34,7 @@ CONFIRMED = 2
 WRONG_IN_A_ROW = 3
 """Observations in a row outside the gate after which the landmark, not the observations, is taken to be wrong."""
 FIELDS = ("ids", "points", "modes", "roots", "epoch", "hits", "wrong", "last")
+TRANSFORMATIONS = ("transform", "spread", "shift", "attitude")
 
 
 class LandmarkMap(LandmarkArrays):
@@ -146,7 +148,7 @@ class LandmarkMap(LandmarkArrays):
     def snapshot(self) -> dict[str, np.ndarray]:
         """Its whole state as arrays named ``map.<what>``."""
         kept = {name: getattr(self, name)[: self.count].copy() for name in FIELDS}
-        kept |= {name: getattr(self, name).copy() for name in ("transform", "spread", "shift")}
+        kept |= {name: getattr(self, name).copy() for name in TRANSFORMATIONS}
         kept |= {"now": np.array(self.now), "turn": np.array(self.turn)}
         return {f"map.{name}": array for name, array in kept.items()}
 
@@ -158,7 +160,7 @@ class LandmarkMap(LandmarkArrays):
         result._make_room(len(modes))
         for name in FIELDS:
             getattr(result, name)[: len(modes)] = snapshot[f"map.{name}"]
-        for name in ("transform", "spread", "shift"):
+        for name in TRANSFORMATIONS:
             setattr(result, name, snapshot[f"map.{name}"].copy())
         result.now, result.turn = int(snapshot["map.now"]), int(snapshot["map.turn"])
         result.count = len(modes)
@@ -309,6 +311,8 @@ class HeldMap:
         )
         modes, dependence, roots = held.steps.close(held, closing)
         self._explained = modes.explained
+        pose, turn = o.sensor.columns, o.layout.slice(ATTITUDE.name)
+        held.attitude = reset[turn, pose] @ modes.kept[: len(pose)]
         removed = held.remove(wrong)
         if len(new.ids):
             held.append(new.ids, new.points, dependence, roots)

@@ -4,6 +4,12 @@ They are linearised by first derivatives (`solve_at`), or by statistical linear 
 each landmark (`Regression`; Lefebvre, Bruyninckx, De Schutter 2002). In the regression the pose moves with the first s
 coordinates of the factor; a landmark with them, and with three coordinates of what else it depends on: later coordinates of the
 modes, and its own error. What the regression leaves is noise.
+
+A landmark that few observations have placed has an error in each lever arm, which the next innovation shares: summed over many
+landmarks, the product pulls the state one way. `corrected_at_landmarks` therefore linearises such observations once more, at the
+points that they themselves give. Only the turn of the pose against the map may get the new lever arms, because no observation
+sees a turn of both (Huang, Mourikis, Roumeliotis 2010): the part of a landmark's error that comes from the attitude from which
+it was seen before turns with its point.
 """
 
 from dataclasses import dataclass
@@ -12,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.core.attitude_conversions import cross_matrix
 from spinfilters.core.linear_algebra import dtrtrs
 from spinfilters.filters.landmark_steps import (
     LinearisedObservations,
@@ -22,6 +29,9 @@ from spinfilters.filters.landmark_steps import (
 from spinfilters.filters.measurement_prediction import SigmaPointOptions, SigmaPoints, sigma_points
 from spinfilters.filters.outlier_rejection import SensorOutlierRejection
 from spinfilters.filters.square_root import Correction, covariance_factor, last_nonzero, lower_roots
+
+LEVER_BIAS = 0.3
+"""Standard deviations by which errors of lever arms may pull an update, in order of magnitude, before it is linearised again."""
 
 
 class ChosenObservations(NamedTuple):
@@ -130,6 +140,58 @@ def corrected(
     log_noise = float(linear.log_noise[chosen.which].sum())
     steps, columns = observations.landmarks.steps, observations.columns
     return SolvedObservations(steps.corrected(white, factor, columns, log_noise), *chosen, white)
+
+
+def corrected_at_landmarks(
+    observations: MapObservations,
+    mean: Float[np.ndarray, " m"],
+    factor: Float[np.ndarray, "N N"],
+    first: SolvedObservations,
+) -> SolvedObservations:
+    """The correction linearised at the state and the landmarks that the first one leads to, where these are young.
+
+    Parameters
+    ----------
+    mean : ndarray of float, shape (m,)
+        State before the update.
+    factor : ndarray of float, shape (N, N)
+        Factor of its errors, of the modes and of the move.
+    first : SolvedObservations
+        The correction that counts the landmarks' own errors as noise. It is returned where lever arms are known well, or where
+        its point is impossible.
+    """
+    o, used = observations, first.used
+    if not len(used) or _lever_bias(o, first) <= LEVER_BIAS:
+        return first
+    n, pose, held = o.layout.error_dim, o.sensor.columns, o.landmarks
+    error, c, at = first.correction.error, len(pose), o.at[used]
+    shared = error[n : n + held.rank]
+    # Own error of a landmark, L X' (rho - H_x x - H_p A m), and with A m the step of its point.
+    rest = first.whitened.rows[..., -1] - first.whitened.rows[..., :-1] @ error[o.columns]
+    own = np.einsum("kij,kdj,kd->ki", o.roots[used], first.whitened.by_own, rest)
+    step = np.zeros(o.points.shape)
+    step[used] = o.modes[used] @ shared + own
+    linear = o.rows_at(o.layout.retract(mean, error[:n]), o.points + step)
+    if not (linear.valid[used].all() and np.isfinite(linear.rows[used]).all()):
+        return first
+    held.modes[at] += cross_matrix(step[used]) @ held.attitude
+    # Jacobian by the pose, of errors about the mean; the innovation, extrapolated back to mean and points before the update.
+    rows = linear.rows.copy()
+    rows[..., :c] = rows[..., :c] @ o.layout.reset_jacobian(error[:n])[np.ix_(pose, pose)]
+    rows[..., -1] += rows[..., :c] @ error[pose] + np.einsum("kdi,ki->kd", rows[..., c:-1], step)
+    white = held.steps.whitened(held, at, rows[used], first.weights)
+    return corrected(o, linear, white, ChosenObservations(used, first.weights), factor)
+
+
+def _lever_bias(observations: MapObservations, first: SolvedObservations) -> float:
+    """Pull by errors of lever arms on the state, standard deviations in order of magnitude.
+
+    Of k d innovations, the landmarks' own errors make the share sum X^2; each pulls by its part of a lever arm.
+    """
+    X, own = first.whitened.by_own, observations.roots
+    lever = observations.points - observations.points.mean(axis=0)
+    part = np.vdot(own, own) / max(np.vdot(lever, lever), np.finfo(float).tiny)
+    return float(np.vdot(X, X) * np.sqrt(part / (X.shape[0] * X.shape[1])))
 
 
 @dataclass(frozen=True)

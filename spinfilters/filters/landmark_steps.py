@@ -90,6 +90,8 @@ class LandmarkArrays:
         (SLOTS, r, r) how the modes of an epoch follow from those of now, see `landmark_map`; its slot is its number modulo SLOTS.
     shift
         (SLOTS, r) likewise.
+    attitude
+        (3, r) error of the attitude at the latest observations, by the modes of now; 0 where the map begins.
     steps : LandmarkSteps
         Of an epoch, compiled where possible.
     """
@@ -107,6 +109,7 @@ class LandmarkArrays:
         self.transform = np.tile(np.eye(rank), (SLOTS, 1, 1))
         self.spread = np.zeros((SLOTS, rank, rank))
         self.shift = np.zeros((SLOTS, rank))
+        self.attitude = np.zeros((3, rank))
 
     @property
     def rank(self) -> int:
@@ -246,6 +249,12 @@ class WhitenedLandmarks:
         """
         count, d, width = self.shape
         return np.swapaxes(self.kept[:, : d * width], 1, 2).reshape(-1, d, width)[:count]
+
+    @cached_property
+    def by_own(self) -> Float[np.ndarray, "k d 3"]:
+        """X, rows by the landmarks' own errors in units of their roots."""
+        count, d, width = self.shape
+        return np.swapaxes(self.kept[:, d * width : d * (width + 3)], 1, 2).reshape(-1, d, 3)[:count]
 
 
 class NewModes(NamedTuple):

@@ -10,7 +10,12 @@ from jaxtyping import Bool, Float
 from spinfilters.filters.epoch_run import CompiledSpread, SpreadPoints, compiled_loops, run_options, take_in
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
-from spinfilters.filters.landmark_observations import Regression, SolvedObservations, solve
+from spinfilters.filters.landmark_observations import (
+    Regression,
+    SolvedObservations,
+    corrected_at_landmarks,
+    solve,
+)
 from spinfilters.filters.landmark_steps import MapObservations
 from spinfilters.filters.measurement_prediction import SigmaPointOptions, sigma_points, usable
 from spinfilters.filters.noise_levels import AdaptationOptions
@@ -160,10 +165,11 @@ class MultiplicativeUkf(MultiplicativeFilter):
     def correct_by_landmarks(
         self, observations: MapObservations, outliers: SensorOutlierRejection
     ) -> SolvedObservations:
-        """By regression over sigma points of the pose and of each landmark."""
+        """By regression over sigma points of the pose and of each landmark; of young ones by derivatives at their new points."""
         self._make_triangular()
         regression = Regression(observations, self.mean, self.factor)
-        return solve(observations, regression.rows(self._points_options), self.factor, outliers)
+        first = solve(observations, regression.rows(self._points_options), self.factor, outliers)
+        return corrected_at_landmarks(observations, self.mean, self.factor, first)
 
     def _make_triangular(self) -> None:
         """Turn the factor so that the state's rows stand on its first coordinates alone: sigma points are drawn along these."""
