@@ -188,6 +188,18 @@ COST_SLACK = 1e-3
 """By which the cost may rise: chi-square numbers differ by far more, rounding by far less."""
 
 
+AT_A_KINK = 0.5
+"""Fall of the cost that the linear problem promises, below which an iteration may end where no step lowers the cost.
+
+The cost has a kink or a jump there, as where a ray passes the edge of a face, which has another noise. The minimum of the linear
+problem is within 0.7 standard deviations.
+"""
+NEAR_A_KINK = 0.05
+"""The same where the cost falls only by a short step."""
+CUT = 4
+"""Number of the step from a point that is short: each is half the one before, so that it is an eighth of the whole."""
+
+
 class Schedule(Protocol):
     """Schedule of loss and process noise over iterations."""
 
@@ -317,10 +329,10 @@ def solve(
             on_iteration(here, normal)
         there, number, tries = advanced(problem, here, normal, options.rule, number)
         used, evaluated = used + 1, evaluated + tries
+        converged = _is_settled(normal, options, there, tries) and plan.last(used - 1, normal.stage)
         if there is None:
             break
         before.append(here.cost(normal.used, normal.stage))
-        converged = normal.predicted_reduction <= options.settled and plan.last(used - 1, normal.stage)
         stage = plan.stage(used, there, normal)
         here, normal = problem.staged(plan.repaired(there, stage), stage), None
     solved = Solved(here, problem, stage, used, evaluated, converged, tuple(before), normal)
@@ -345,6 +357,14 @@ class Advanced(NamedTuple):
     point: LinearizationPoint | None
     number: float
     tries: int
+
+
+def _is_settled(
+    normal: NormalEquations, options: SolverOptions, there: LinearizationPoint | None, tries: int
+) -> bool:
+    """Whether the cost has as good as ended to fall; ``there`` is None where no step lowered it."""
+    kink = AT_A_KINK if there is None else NEAR_A_KINK if tries >= CUT else 0.0
+    return normal.predicted_reduction <= max(options.settled, kink)
 
 
 def advanced(

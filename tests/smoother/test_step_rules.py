@@ -8,8 +8,9 @@ import pytest
 from spinfilters.core.errors import InputError
 from spinfilters.core.robust_losses import Barron, Graduated, LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.models.state_blocks import ATTITUDE, MASS_DISTRIBUTION
+from spinfilters.smoother import solver
 from spinfilters.smoother.linear_system import Marginals, SchurSystem
-from spinfilters.smoother.problem import InitialGuess, NormalEquations
+from spinfilters.smoother.problem import InitialGuess, LinearizationPoint, NormalEquations, Stage
 from spinfilters.smoother.solver import (
     COST_SLACK,
     Dogleg,
@@ -55,6 +56,24 @@ def _heavy_on_one_side(here: Sample) -> InitialGuess:
     trajectory = trial.trajectory.copy()
     trajectory[:, LAYOUT.mean_slice("s")] += [4.0, -3.0, 2.0, 2.0, -2.0]
     return InitialGuess(trajectory, trial.ids, trial.points)
+
+
+@pytest.mark.parametrize(("fall", "is_settled"), [(0.3, True), (2.0, False)])
+def test_an_iteration_has_settled_at_a_kink_of_the_cost(
+    fall: float, is_settled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No step lowers the cost, as where a ray passes an edge; the linear problem promises a fall nevertheless."""
+    problem, best = sample(MIDDLE).problem, optimum(MIDDLE).point
+    errors = np.zeros((len(best.trajectory), LAYOUT.error_dim))
+    errors[-1, LAYOUT.slice("w")] = 1e-4
+
+    def near(scale: float) -> LinearizationPoint:
+        return problem.at(LAYOUT.retract(best.trajectory, scale * errors), best.points)
+
+    promised = problem.normal(near(1.0), Stage(LeastSquares())).predicted_reduction
+    monkeypatch.setattr(solver, "advanced", lambda *_: solver.Advanced(None, 1.0, 12))
+    found = solve(problem, near(np.sqrt(fall / promised)), SolverOptions())
+    assert found.converged is is_settled
 
 
 @pytest.mark.parametrize("rule", RULES, ids=str)
