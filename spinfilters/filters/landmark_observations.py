@@ -12,6 +12,7 @@ sees a turn of both (Huang, Mourikis, Roumeliotis 2010): the part of a landmark'
 it was seen before turns with its point.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -186,12 +187,16 @@ def corrected_at_landmarks(
 def _lever_bias(observations: MapObservations, first: SolvedObservations) -> float:
     """Pull by errors of lever arms on the state, standard deviations in order of magnitude.
 
-    Of k d innovations, the landmarks' own errors make the share sum X^2; each pulls by its part of a lever arm.
+    Of k d innovations, the landmarks' own errors make the share sum X^2; each pulls by its part of a lever arm, at most all of it.
     """
-    X, own = first.whitened.by_own, observations.roots
-    lever = observations.points - observations.points.mean(axis=0)
+    count, d, _ = first.whitened.shape
+    X = first.whitened.own_numbers
+    pull = float(np.vdot(X, X)) / math.sqrt(count * d)
+    if pull <= LEVER_BIAS:  # of a mature map, whose points need no look
+        return pull
+    own, lever = observations.roots, observations.points - observations.points.mean(axis=0)
     part = np.vdot(own, own) / max(np.vdot(lever, lever), np.finfo(float).tiny)
-    return float(np.vdot(X, X) * np.sqrt(part / (X.shape[0] * X.shape[1])))
+    return pull * min(math.sqrt(part), 1.0)
 
 
 @dataclass(frozen=True)

@@ -253,8 +253,14 @@ class WhitenedLandmarks:
     @cached_property
     def by_own(self) -> Float[np.ndarray, "k d 3"]:
         """X, rows by the landmarks' own errors in units of their roots."""
-        count, d, width = self.shape
-        return np.swapaxes(self.kept[:, d * width : d * (width + 3)], 1, 2).reshape(-1, d, 3)[:count]
+        count, d, _ = self.shape
+        return np.swapaxes(self.own_numbers, 1, 2).reshape(-1, d, 3)[:count]
+
+    @property
+    def own_numbers(self) -> Float[np.ndarray, "g s l"]:
+        """Numbers of X in groups of landmarks, zero where the last group is filled up."""
+        _, d, width = self.shape
+        return self.kept[:, d * width : d * (width + 3)]
 
 
 class NewModes(NamedTuple):
