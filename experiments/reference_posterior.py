@@ -28,7 +28,7 @@ from experiments.command_line import run_study
 from spinfilters.campaigns.calibration_draws import drawn_scenario
 from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.core.working_time import working_seconds
-from spinfilters.evaluation.posterior_distance import LEVELS, posterior_quantities
+from spinfilters.evaluation.stated_errors import LEVELS, posterior_quantities
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.smoother_run import smooth_at_once, smoothed_problem
 from spinfilters.models.state_mixture import StateMixture

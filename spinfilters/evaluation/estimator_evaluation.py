@@ -233,7 +233,7 @@ def _body(body: BodyEstimate, fitted: bool) -> BodyErrors:
 
 @dataclass(frozen=True)
 class PosteriorDistance:
-    """Distance of an estimator's belief from the posterior in one quantity (`spinfilters.evaluation.posterior_distance`).
+    """Distance of an estimator's belief from the posterior in one quantity (`spinfilters.evaluation.stated_errors`).
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.core.linear_algebra import at_times
 from spinfilters.evaluation.continuous_motion import ContinuousMotion
-from spinfilters.evaluation.kinetic_energy import EnergyCourse, quadratic_energy
+from spinfilters.evaluation.estimated_motion import EnergyCourse, quadratic_energy
 from spinfilters.evaluation.reference_fit import (
     ReferenceFit,
     axis_and_angle,

@@ -1,4 +1,4 @@
-"""Models, timeline and initialisation of a run."""
+"""State, models, timeline and initialisation of a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,8 +18,10 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.sensor_registry import sensor_of, sensors_in
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.settings.run_settings import Settings
 
 NOTHING_SOUGHT = Unstated({}, ())
 
@@ -152,3 +154,17 @@ def camera_view(dataset: Dataset) -> CameraView | None:
     if dataset.rig is None:
         return None
     return CameraView(dataset.known_map, dataset.rig.calibration, CameraTrajectory.of(dataset.inspector))
+
+
+def layout_of(log: MeasurementLog, settings: Settings) -> StateLayout:
+    """Layout of what the sensors observe, with the constants that the settings ask for."""
+    sensors = sensors_in(log)
+    layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
+    for block in BLOCKS.values():
+        is_asked = block.switch and getattr(settings.process, block.switch) in block.switched_by
+        if is_asked and (layout.translates or not block.translational):
+            layout = layout.joined(block)
+    for block in (block for sensor in sensors for block in sensor.error_blocks):
+        if settings.initialisation.states_prior(block):
+            layout = layout.joined(block)
+    return layout

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.core.importance_weights import LARGEST_SHAPE
+from spinfilters.core.posterior_sampling import LARGEST_SHAPE
 from spinfilters.core.working_time import working_seconds
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.history import EstimateHistory

@@ -35,7 +35,7 @@ from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import Verdict
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from spinfilters.verdict.check import LARGEST_NIS, LARGEST_REJECTED
-from spinfilters.verdict.noise_diagnostics import LARGEST_RATIO
+from spinfilters.verdict.filter_diagnostics import LARGEST_RATIO
 
 WINDOW = 60
 """Measured epochs that are tested together, in addition to all since the filter was last trusted."""

@@ -141,7 +141,7 @@ class MassSamples:
     weights : Float[np.ndarray, ' n']
         (n,) their sum is one.
     gaussian_shape : float
-        Pareto shape of the Gaussian belief as a proposal of the samples' density (`spinfilters.core.importance_weights`).
+        Pareto shape of the Gaussian belief as a proposal of the samples' density (`spinfilters.core.posterior_sampling`).
     gaussian_nees : float
         Mean NEES per degree of freedom of the samples in the Gaussian belief. It is large where that misses a part of the
         posterior, in which it proposes nothing, which the shape does not show.

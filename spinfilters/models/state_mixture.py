@@ -28,7 +28,7 @@ class StateMixture:
     weights : ndarray of float, shape (n,)
         Their sum is one.
     shape : float
-        Pareto k of the importance weights that proposed them (`spinfilters.core.importance_weights`).
+        Pareto k of the importance weights that proposed them (`spinfilters.core.posterior_sampling`).
     method : str
         "importance" or "mcmc".
     mass_points, mass_weights : ndarray of float, shapes (p, 5) and (p,), or None

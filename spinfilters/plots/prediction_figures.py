@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from spinfilters.evaluation.inertia_race import PropagatedInertia
-from spinfilters.evaluation.prediction_errors import PredictionErrors
+from spinfilters.evaluation.prediction_errors import PredictionErrors, PropagatedInertia
 from spinfilters.plots.style import (
     BLACK,
     GREY,

@@ -18,9 +18,14 @@ from spinfilters.core.attitude_conversions import inverse, rotate
 from spinfilters.core.errors import NUMERICAL_ERRORS
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.epoch_spans import initialisation_end, shared_begin
-from spinfilters.evaluation.estimated_motion import BodyRates, Trajectory, estimated_rates
+from spinfilters.evaluation.estimated_motion import (
+    BodyRates,
+    EnergyCourse,
+    Trajectory,
+    estimated_rates,
+    quadratic_energy,
+)
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.kinetic_energy import EnergyCourse, quadratic_energy
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.truth import Truth
 from spinfilters.plots.style import (

@@ -21,8 +21,8 @@ from jaxtyping import Float
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.plugins import require_made
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.posterior_distance import with_posterior_distances
 from spinfilters.evaluation.recording_bound import Bounding, with_bounds
+from spinfilters.evaluation.stated_errors import with_posterior_distances
 from spinfilters.filters.estimator import Estimator
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_interruptible

@@ -13,8 +13,12 @@ from spinfilters.core.attitude_conversions import inverse, rotate
 from spinfilters.core.errors import InputError
 from spinfilters.core.polhode import validate_principal_moments
 from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
-from spinfilters.evaluation.inertia_race import NamedInertia, PropagatedInertia, propagate_inertias
-from spinfilters.evaluation.prediction_errors import truth_in_frames_of
+from spinfilters.evaluation.prediction_errors import (
+    NamedInertia,
+    PropagatedInertia,
+    propagate_inertias,
+    truth_in_frames_of,
+)
 from spinfilters.evaluation.reference_comparison import MotionInFrames, ReferenceComparison
 from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.io.document import numbers

@@ -29,8 +29,7 @@ from spinfilters.inference.noise_choice import (
     unstated_names,
     unstated_noise,
 )
-from spinfilters.inference.setup import NOTHING_SOUGHT, Setup, camera_view
-from spinfilters.inference.state_choice import layout_of
+from spinfilters.inference.setup import NOTHING_SOUGHT, Setup, camera_view, layout_of
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.sensor_tables import require_motion
 from spinfilters.models.process import TorqueFreeProcess

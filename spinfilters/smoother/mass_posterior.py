@@ -10,7 +10,7 @@ J the sum of squared residuals, those of the prior among them, and H_xx the info
 any, are integrated out with it: x holds them too, and observations that the solution rejects stay out. This density of five
 dimensions is sampled. Nodes are set along the ridge, by steps in its softest direction with Newton's step in the other four. A
 mixture of t distributions at the nodes proposes samples. They are weighted by density over proposal, with a smoothed tail, whose
-Pareto shape says whether the weights can be relied upon (`spinfilters.core.importance_weights`).
+Pareto shape says whether the weights can be relied upon (`spinfilters.core.posterior_sampling`).
 
 The density refers to errors of s about itself, the invariant volume of the chart. The prior is Gaussian in D = log S about its own
 mean instead, so that its density is divided by v(s), the product of sinh(d) / d over the pairs of eigenvalues l_i of D,
@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.core.importance_weights import ImportanceWeights, smoothed_weights
+from spinfilters.core.posterior_sampling import ImportanceWeights, smoothed_weights
 from spinfilters.core.robust_losses import Gate, LeastSquares
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION

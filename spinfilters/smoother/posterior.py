@@ -2,8 +2,8 @@
 
 The state is the motion x and its constants, of which the mass distribution s alone makes the problem far from linear. The marginal
 posterior of s, with the motion and any landmarks integrated out about their optimum (`spinfilters.smoother.mass_posterior`), is
-sampled by importance; where the Pareto shape of the weights is above `spinfilters.core.importance_weights.LARGEST_SHAPE`, an
-ensemble of walkers continues from the resampled points (`spinfilters.core.ensemble_sampler`). Every sample of s comes with the
+sampled by importance; where the Pareto shape of the weights is above `spinfilters.core.posterior_sampling.LARGEST_SHAPE`, an
+ensemble of walkers continues from the resampled points (`spinfilters.core.posterior_sampling`). Every sample of s comes with the
 Gaussian of the motion given s, so that
 
     p(x, s | y) = sum over samples i of w_i N(x; x^(s_i), P(s_i)).
@@ -21,8 +21,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.core.ensemble_sampler import Ensemble, stretch_step
-from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights
+from spinfilters.core.posterior_sampling import LARGEST_SHAPE, Ensemble, ImportanceWeights, stretch_step
 from spinfilters.filters.square_root import lower_roots
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION

@@ -14,9 +14,9 @@ from spinfilters.filters.timeline import Epoch, OnEpoch, Timeline, times_of
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel
 from spinfilters.models.state_layout import POSE_BLOCKS, Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus, Verdict
-from spinfilters.smoother.momentum_restart import RetrySchedule
 from spinfilters.smoother.priors import MarginalizationPrior, StatePrior, VariableOrdering
 from spinfilters.smoother.problem import InitialGuess
+from spinfilters.smoother.restarts import RetrySchedule
 from spinfilters.smoother.sliding_smoother import (
     MarginalizedState,
     SlidingSmoother,

@@ -13,16 +13,8 @@ from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Epoch, Timeline
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus, Finding
-from spinfilters.smoother.latest_epoch import (
-    is_poor_guess,
-    latest_pose,
-    linear_problem,
-    observation_weights,
-    with_few_joined,
-)
 from spinfilters.smoother.linear_system import Marginals, joint_belief, latest_factor
 from spinfilters.smoother.marginalization import without_landmarks, without_oldest
-from spinfilters.smoother.momentum_restart import RetrySchedule, fits, restarted_from_momentum
 from spinfilters.smoother.priors import StatePrior
 from spinfilters.smoother.problem import (
     LinearizationPoint,
@@ -30,6 +22,16 @@ from spinfilters.smoother.problem import (
     NormalEquations,
     Problem,
     unobservable_directions,
+)
+from spinfilters.smoother.restarts import (
+    RetrySchedule,
+    fits,
+    is_poor_guess,
+    latest_pose,
+    linear_problem,
+    observation_weights,
+    restarted_from_momentum,
+    with_few_joined,
 )
 from spinfilters.smoother.solver import (
     ConstantSchedule,

@@ -286,7 +286,7 @@ POINTS: Final = 20001
 LARGEST: Final = 4.0
 """Deviations within which a verdict promises an estimate to be."""
 BEYOND: Final = 5e-3
-"""Probability of an error beyond them that is allowed, as of an over-confident filter (`HELD` of `verdict.agreement_tests`)."""
+"""Probability of an error beyond them that is allowed, as of an over-confident filter (`HELD` of `verdict.filter_diagnostics`)."""
 
 
 CHANCE: Final = 3.0

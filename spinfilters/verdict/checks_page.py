@@ -9,7 +9,7 @@ from spinfilters.models.status import ALL, LABELS, QUANTITIES, Holds
 from spinfilters.verdict.check import Check
 from spinfilters.verdict.checks import CHECKS
 from spinfilters.verdict.model_errors.alternatives import table
-from spinfilters.verdict.model_errors.jumps import KINDS
+from spinfilters.verdict.model_tests import KINDS
 
 HEAD = """# All checks of the verdict
 

@@ -19,21 +19,19 @@ from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_blocks import CENTRE_OF_MASS
 from spinfilters.models.status import Finding, Verdict
 from spinfilters.settings.run_settings import FILTER, Settings
-from spinfilters.verdict.agreement_tests import (
-    agreement_diagnostics,
-    motion_diagnostics,
-    reference_smoother,
-)
 from spinfilters.verdict.calibration_errors import enlargements, possible_clock_drift
 from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
-from spinfilters.verdict.judge import judge
-from spinfilters.verdict.model_tests import tested_epochs, tested_history, tested_models
-from spinfilters.verdict.noise_diagnostics import (
+from spinfilters.verdict.filter_diagnostics import (
+    agreement_diagnostics,
     expected_nis,
     filter_noise_diagnostics,
+    motion_diagnostics,
+    reference_smoother,
     stated_level_diagnostics,
 )
+from spinfilters.verdict.judge import judge
+from spinfilters.verdict.model_tests import tested_epochs, tested_history, tested_models
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
 from spinfilters.verdict.refits import (
     DoubtedMotion,

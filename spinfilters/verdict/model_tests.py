@@ -1,34 +1,35 @@
-"""Tests of the models of a recording: score tests about its smoothed motion, and its marginal likelihood under a setup."""
+"""Tests of the models of a recording: score tests about its smoothed motion, and its marginal likelihood under a setup.
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+A jump amid the recording is a kick of the state at the end of one step. It is sought at the step where it is likeliest.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, numerical
+from spinfilters.evaluation.epoch_spans import clock_text, time_text
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.timeline import Timeline, times_of
 from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.noise_choice import STATED
-from spinfilters.inference.noise_model import NoiseModel
+from spinfilters.inference.noise_model import NoiseModel, StepsAfter, steps_after
 from spinfilters.inference.setup import Setup
 from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.models.state_blocks import RATE
+from spinfilters.models.state_blocks import ATTITUDE, POSITION, RATE, VELOCITY, StateBlock
 from spinfilters.smoother.batch_smoother import GATE
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, reinitialised, seen_ids
+from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.problem import Problem, problem_of
-from spinfilters.verdict.model_errors.alternatives import (
-    CONTACT_AT_BEGIN,
-    CONTACT_AT_END,
-    Alternative,
-    table,
-)
+from spinfilters.verdict.model_errors.alternatives import CONTACT_AT_BEGIN, CONTACT_AT_END, Alternative, table
 from spinfilters.verdict.model_errors.hypotheses import (
     KnownLevels,
     among_inliers,
@@ -42,13 +43,158 @@ from spinfilters.verdict.model_errors.hypotheses import (
     with_identified,
     with_refused_in_a_row,
 )
-from spinfilters.verdict.model_errors.jumps import jumps
-from spinfilters.verdict.model_errors.linear_rows import LinearRows
+from spinfilters.verdict.model_errors.linear_rows import Columns, LinearRows
 from spinfilters.verdict.model_errors.noise_components import NoiseComponents
 from spinfilters.verdict.model_errors.score_tests import ScoreTest, likelier, score_tests
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.verdict.recording_tests import wrong_units
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, possible_correlation
+
+Kicks = Callable[[SmoothedMotion], Float[np.ndarray, "k n m"]]
+"""Changes of the state's error at every epoch per unit of m sizes, components in the order of the layout."""
+LEAST_TOLD: Final = 1e-9
+"""Share of a kick's information that states must leave; with less it is rounding."""
+FEWEST_STEPS: Final = 4
+"""Before and after a jump: nearer to the ends it is contact there."""
+LARGEST_FALL: Final = float(-2 * np.log(1 - np.sqrt(0.99)))
+"""Of the statistic from the likeliest step to one that contains the jump all the same, with a probability of 0.99."""
+
+
+@dataclass(frozen=True)
+class JumpKind:
+    """Kind of jump with its words.
+
+    Attributes
+    ----------
+    name, phrase, unit : str
+        As of an `Alternative`; the time of the jump follows the phrase.
+    cure, moving_cure : str
+        Likewise; they may name the interval from ``begin`` to ``end`` that contains the jump, s.
+    kicks : Kicks
+        Of the state at every epoch.
+    """
+
+    name: str
+    phrase: str
+    unit: str
+    cure: str
+    kicks: Kicks
+    moving_cure: str = ""
+
+
+def jumps(motion: SmoothedMotion) -> Iterator[Alternative]:
+    """Of every kind the jump at its likeliest step; none in recordings too short for one."""
+    count = len(motion.time) - 1
+    if count <= 2 * FEWEST_STEPS:
+        return
+    after = _steps_after(motion)
+    for kind in KINDS:
+        among = step_statistics(motion, kind.kicks, after)[FEWEST_STEPS:-FEWEST_STEPS]
+        if among.max(initial=0.0) > 0:
+            step = FEWEST_STEPS + int(among.argmax())
+            first = float(motion.time[0])
+            begin, end = (clock_text(each) for each in interval_of_jump(motion.time, among))
+            yield Alternative(
+                kind.name,
+                f"{kind.phrase} at {time_text(float(motion.time[step + 1]), first)}, between {begin} and {end} s",
+                kind.unit,
+                partial(kick_of_step, kicks=kind.kicks, step=step),
+                kind.cure.format(begin=begin, end=end),
+                kind.moving_cure.format(begin=begin, end=end),
+                trials=len(among),
+            )
+
+
+def kick_of_step(motion: SmoothedMotion, kicks: Kicks, step: int) -> Columns:
+    """Right-hand sides of the kick at the end of a step, as all later measurements see it."""
+    return motion.kicked(kicks(motion)[step + 1], step)
+
+
+def interval_of_jump(time: Float[np.ndarray, " k"], among: Float[np.ndarray, " j"]) -> tuple[float, float]:
+    """Time from the beginning of the first step that may contain the jump to the end of the one after the last, s.
+
+    The kick of a step is at its end: one early in the next step is as near to it.
+
+    Parameters
+    ----------
+    among : (j,) float array
+        Statistics of the steps, without `FEWEST_STEPS` at each end.
+    """
+    possible = FEWEST_STEPS + np.flatnonzero(among >= among.max() - LARGEST_FALL)
+    return float(time[possible[0]]), float(time[possible[-1] + 2])
+
+
+def _steps_after(motion: SmoothedMotion) -> StepsAfter:
+    rows = motion.rows
+    return steps_after(rows.problem, rows.here, Marginals(rows.solution, rows.normal.eliminated))
+
+
+def step_statistics(
+    motion: SmoothedMotion, kicks: Kicks, after: StepsAfter | None = None
+) -> Float[np.ndarray, " j"]:
+    """Score statistic of a kick in every step.
+
+    Parameters
+    ----------
+    after : StepsAfter or None
+        What the solution leaves of the steps, where it is known already.
+    """
+    after = after or _steps_after(motion)
+    H = motion.kicks_of_steps(kicks(motion))
+    # per step: information F = H'H - H'(J P J')H and score u = H'r of its kicks, in units of their own size
+    across = np.swapaxes(H, 1, 2)
+    whole, spread = across @ H, across @ after.spread
+    scale = np.sqrt(np.einsum("kmm->km", whole))
+    unit = np.where(scale > 0, 1 / np.where(scale > 0, scale, 1.0), 0.0)
+    F = (whole - spread @ np.swapaxes(spread, 1, 2)) * unit[:, :, None] * unit[:, None, :]
+    u = np.einsum("kdm,kd->km", H, after.rest) * unit
+    if not (np.isfinite(F).all() and np.isfinite(u).all()):
+        return np.zeros(len(H))
+    # u' F^+ u over the directions that the measurements show
+    values, vectors = np.linalg.eigh(F)
+    along = np.einsum("kmv,km->kv", vectors, u)
+    told = values > LEAST_TOLD
+    return np.where(told, along**2 / np.where(told, values, 1.0), 0.0).sum(axis=1)
+
+
+def _of_blocks(*blocks: StateBlock) -> Kicks:
+    """Every component of those of some blocks that a state has."""
+
+    def kicks(motion: SmoothedMotion) -> Float[np.ndarray, "k n m"]:
+        """The same at every epoch."""
+        layout = motion.rows.problem.layout
+        every = np.eye(layout.error_dim)
+        chosen = np.concatenate([every[:, layout.slice(b.name)] for b in blocks if layout.has(b)], axis=1)
+        return np.broadcast_to(chosen, (len(motion.time), *chosen.shape))
+
+    return kicks
+
+
+KINDS: Final = (
+    JumpKind(
+        "contact-amid",
+        "contact",
+        "rad/s and m/s",
+        "use the recording before {begin} s or after {end} s (--segment)",
+        _of_blocks(RATE, VELOCITY),
+    ),
+    JumpKind(
+        "frame-jump",
+        "a jump of the camera, or of the frame that is tracked,",
+        "rad and m",
+        "use the recording before {begin} s or after {end} s (--segment), or give the camera's motion (inspector.tum)",
+        _of_blocks(ATTITUDE, POSITION),
+        "use the recording before {begin} s or after {end} s (--segment), or give poses without a jump (inspector.tum)",
+    ),
+    JumpKind(
+        "clock-jump",
+        "a jump of the clock, as where samples are lost,",
+        "s",
+        "give every sample its own time stamp",
+        lambda motion: motion.change[:, :, None],
+    ),
+)
+
 
 SUSPECTED: Final = 0.05
 """Probability of a test below which its error is tested at smaller densities too."""

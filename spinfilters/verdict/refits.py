@@ -23,8 +23,7 @@ from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.noise_choice import stated_models
 from spinfilters.inference.noise_model import NoiseModel
-from spinfilters.inference.setup import Setup, camera_view
-from spinfilters.inference.state_choice import layout_of
+from spinfilters.inference.setup import Setup, camera_view, layout_of
 from spinfilters.models.state_blocks import (
     ACCELERATION,
     ATTITUDE,

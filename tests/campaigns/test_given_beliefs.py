@@ -3,7 +3,7 @@
 from spinfilters.campaigns.runner import Runner
 from spinfilters.campaigns.study import study_from
 from spinfilters.models.status import Verdict
-from spinfilters.verdict.agreement_tests import reference_smoother
+from spinfilters.verdict.filter_diagnostics import reference_smoother
 
 WRONG = 2
 """A seed whose filter ends 5.4 of its deviations off in a moment."""

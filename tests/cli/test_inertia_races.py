@@ -8,7 +8,7 @@ import pytest
 
 from spinfilters.cli.main import main
 from spinfilters.core.attitude_conversions import angle_between
-from spinfilters.evaluation.inertia_race import NamedInertia, propagate_inertias
+from spinfilters.evaluation.prediction_errors import NamedInertia, propagate_inertias
 from tests.cli.faults import refusal
 
 pytestmark = pytest.mark.usefixtures("few_figures")

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from spinfilters.core.ensemble_sampler import Ensemble, stretch_step
+from spinfilters.core.posterior_sampling import Ensemble, stretch_step
 
 WALKERS, STEPS, SETTLING = 40, 1500, 200
 

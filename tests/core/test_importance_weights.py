@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.core.importance_weights import LARGEST_SHAPE, generalised_pareto, smoothed_weights
+from spinfilters.core.posterior_sampling import LARGEST_SHAPE, generalised_pareto, smoothed_weights
 
 
 @pytest.mark.parametrize("shape", [-0.2, 0.1, 0.5, 0.9])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from spinfilters.core.scalar_root import root_between
+from spinfilters.verdict.model_errors.noise_components import root_between
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.evaluation.kinetic_energy import EnergyCourse, quadratic_energy
+from spinfilters.evaluation.estimated_motion import EnergyCourse, quadratic_energy
 
 J = np.array([[2.0, 0.3, 0.0], [0.3, 1.0, 0.1], [0.0, 0.1, 1.5]])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from spinfilters.evaluation.posterior_distance import QuantityMixture
+from spinfilters.evaluation.stated_errors import QuantityMixture
 
 
 def test_the_probability_outside_is_one_whatever_sums_round_to() -> None:

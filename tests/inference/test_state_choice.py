@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from spinfilters.inference.state_choice import layout_of
+from spinfilters.inference.setup import layout_of
 from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import Scenario, simulate

@@ -71,7 +71,7 @@ def test_no_smoother_is_called_for_a_filter_from_a_belief(
     for place in (
         "spinfilters.inference.initial_estimate.solve",
         "spinfilters.inference.smoother_run.smooth_problem",
-        "spinfilters.verdict.agreement_tests.smooth_at_once",
+        "spinfilters.verdict.filter_diagnostics.smooth_at_once",
     ):
         monkeypatch.setattr(place, refuse)
     assert (

@@ -17,8 +17,8 @@ from spinfilters.run.estimation import compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.verdict import agreement_tests as inertia_evidence
 from spinfilters.verdict import calibration_errors
+from spinfilters.verdict import filter_diagnostics as inertia_evidence
 
 EPOCHS = (1, 4)
 """Of a filter at which Ctrl-C comes: before there is any estimate, and in the middle."""

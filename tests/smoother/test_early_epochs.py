@@ -17,8 +17,8 @@ from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from spinfilters.models.status import Verdict
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.smoother.latest_epoch import latest_pose
 from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.restarts import latest_pose
 from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions
 from spinfilters.smoother.window import FullSmoothing
 

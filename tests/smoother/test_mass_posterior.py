@@ -10,8 +10,8 @@ from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
 from spinfilters import compare, simulate
-from spinfilters.core.importance_weights import smoothed_weights
 from spinfilters.core.mass_distribution import exponential
+from spinfilters.core.posterior_sampling import smoothed_weights
 from spinfilters.evaluation.stated_errors import quantity_errors
 from spinfilters.inference import smoother_run
 from spinfilters.inference.smoother_run import LARGEST_SAMPLED_NEES, NOT_GAUSSIAN

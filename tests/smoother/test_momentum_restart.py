@@ -5,7 +5,7 @@ import numpy as np
 from spinfilters.models.process import ProcessNoise
 from spinfilters.simulation.model_faults import LAYOUT, Physics, faulty_motion, motion_at
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
-from spinfilters.smoother.momentum_restart import trajectory_from_momentum
+from spinfilters.smoother.restarts import trajectory_from_momentum
 
 
 def test_a_pose_that_contradicts_the_others_tells_no_rate() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spinfilters import compare, simulate
-from spinfilters.evaluation.posterior_distance import posterior_quantities
+from spinfilters.evaluation.stated_errors import posterior_quantities
 from spinfilters.inference.smoother_run import smooth_at_once, smoothed_problem
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings

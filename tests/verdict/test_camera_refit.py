@@ -10,7 +10,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.verdict import model_tests
 from spinfilters.verdict.model_errors.alternatives import table
-from spinfilters.verdict.model_errors.jumps import jumps
+from spinfilters.verdict.model_tests import jumps
 from spinfilters.verdict.refits import DoubtedMotion, fitted_camera
 
 AT_REST = Scenario.simplified(

@@ -12,8 +12,8 @@ from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import AUTO, ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map, without_noise
-from spinfilters.verdict import agreement_tests as estimate_diagnostics
-from spinfilters.verdict.agreement_tests import (
+from spinfilters.verdict import filter_diagnostics as estimate_diagnostics
+from spinfilters.verdict.filter_diagnostics import (
     LEAST_EVIDENCE,
     InertiaEvidence,
     agreement_diagnostics,

@@ -13,7 +13,8 @@ from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.run.estimators import estimator_entries
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.verdict import agreement_tests, doubts
+from spinfilters.verdict import doubts
+from spinfilters.verdict import filter_diagnostics as agreement_tests
 from spinfilters.verdict.check import Evidence
 from spinfilters.verdict.checks import finding
 

@@ -23,9 +23,9 @@ from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM
-from spinfilters.verdict.agreement_tests import over_confident_quantities
 from spinfilters.verdict.check import Evidence, Needs
 from spinfilters.verdict.checks import CHECKS, finding
+from spinfilters.verdict.filter_diagnostics import over_confident_quantities
 from spinfilters.verdict.judge import judge, moved_quantities, unmoved_quantities
 from spinfilters.verdict.model_errors.alternatives import table
 from spinfilters.verdict.model_errors.score_tests import ScoreTest

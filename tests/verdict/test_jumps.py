@@ -29,14 +29,8 @@ from spinfilters.simulation.scenario import (
     without_map,
     without_noise,
 )
-from spinfilters.verdict.model_errors.jumps import (
-    FEWEST_STEPS,
-    KINDS,
-    interval_of_jump,
-    jumps,
-    step_statistics,
-)
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.verdict.model_tests import FEWEST_STEPS, KINDS, interval_of_jump, jumps, step_statistics
 
 SMOOTHER = Settings(estimators=("smoother",))
 WHOLE = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # pyright: ignore[reportArgumentType]

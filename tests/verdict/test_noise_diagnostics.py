@@ -20,10 +20,10 @@ from spinfilters.run.estimation import Comparison
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
+from spinfilters.verdict import filter_diagnostics as noise_diagnostics
+from spinfilters.verdict import filter_diagnostics as stated_levels
 from spinfilters.verdict import model_tests as model_errors
-from spinfilters.verdict import noise_diagnostics
-from spinfilters.verdict import noise_diagnostics as stated_levels
-from spinfilters.verdict.noise_diagnostics import (
+from spinfilters.verdict.filter_diagnostics import (
     LARGEST_RATIO,
     LARGEST_SCORE,
     expected_nis,

@@ -29,7 +29,7 @@ from spinfilters.core.attitude_conversions import (
 )
 from spinfilters.core.conventions import RPM
 from spinfilters.core.torque_free import torque_free_motion
-from spinfilters.evaluation.kinetic_energy import EnergyCourse, quadratic_energy
+from spinfilters.evaluation.estimated_motion import EnergyCourse, quadratic_energy
 from spinfilters.evaluation.reference_fit import reference_rates
 from spinfilters.io.reference_motion import ReferenceMotion, relative_reference
 from spinfilters.plots.style import (
