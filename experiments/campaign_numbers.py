@@ -17,8 +17,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.campaign_folder import read_folder
-from spinfilters.campaigns.rows_folder import read_rows
+from spinfilters.campaigns.rows_folder import read_folder, read_rows
 from spinfilters.campaigns.statistics import CellSummary, Interval, cell_summaries
 from spinfilters.campaigns.study import Study
 from spinfilters.core.errors import InputError

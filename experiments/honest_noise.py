@@ -27,9 +27,8 @@ import pandas as pd
 from jaxtyping import Bool, Float
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.campaign_folder import read_folder
 from spinfilters.campaigns.row_columns import noise_levels
-from spinfilters.campaigns.rows_folder import read_rows
+from spinfilters.campaigns.rows_folder import read_folder, read_rows
 from spinfilters.evaluation.metrics import MOTIONS
 from spinfilters.filters.noise_levels import TOLD_LOG_STD
 from spinfilters.io.disturbances import DENSITIES

@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from experiments.command_line import rows_of_seeds, run_study
 from spinfilters.inference.setup import maps_landmarks
 from spinfilters.run.comparison_run import compare_dataset
-from spinfilters.run.given_belief import POSE_WORDS
+from spinfilters.run.preparation import POSE_WORDS
 from spinfilters.settings.run_settings import InitialisationOptions, Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from experiments.command_line import Row, rows_of_seeds, run_study
 from spinfilters import compare, simulate
-from spinfilters.campaigns.calibration_statistics import gaussian_crps
+from spinfilters.campaigns.calibration_report import gaussian_crps
 from spinfilters.campaigns.statistics import QUANTILE
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.models.body import body_estimate

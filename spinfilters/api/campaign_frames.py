@@ -113,7 +113,7 @@ def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[st
         No campaign's folder, no such run, a folder that holds something else.
     """
     require_installed("pyarrow")
-    from spinfilters.campaigns.campaign_folder import read_folder
+    from spinfilters.campaigns.rows_folder import read_folder
     from spinfilters.campaigns.runner import Runner
     from spinfilters.io.dataset_folder import write_dataset
     from spinfilters.io.output_files import output_folder

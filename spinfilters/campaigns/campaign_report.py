@@ -15,21 +15,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
-from spinfilters.campaigns.paired_ratios import (
-    ESTIMATOR,
-    PairedRatio,
-    paired_ratios,
-    pareto_figure,
-    reference_of,
-)
-from spinfilters.campaigns.rows_folder import read_rows
+from spinfilters.campaigns.rows_folder import STUDY_FILE, read_folder, read_rows
 from spinfilters.campaigns.statistics import (
+    ESTIMATOR,
     NOTHING,
     CellSummary,
     Interval,
+    PairedRatio,
     cell_summaries,
     counted_metrics,
+    paired_ratios,
+    pareto_figure,
+    reference_of,
     share,
 )
 from spinfilters.campaigns.study import Study

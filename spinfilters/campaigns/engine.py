@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from spinfilters.campaigns.campaign_folder import keep_study, open_folder
-from spinfilters.campaigns.rows_folder import RowsFolder
+from spinfilters.campaigns.rows_folder import RowsFolder, keep_study, open_folder
 from spinfilters.campaigns.runner import Row
 from spinfilters.campaigns.study import Study
 from spinfilters.io.output_files import make_folder

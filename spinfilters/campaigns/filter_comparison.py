@@ -21,23 +21,20 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.stats import chi2
 
-from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
-from spinfilters.campaigns.paired_ratios import (
+from spinfilters.campaigns.rows_folder import STUDY_FILE, read_folder, read_rows
+from spinfilters.campaigns.statistics import (
     ESTIMATOR,
     MARKERS,
+    NOTHING,
+    Interval,
+    cell_summaries,
     geometric_ratio,
     label_logarithms,
     paired_ratios,
     pareto_figure,
-    reference_of,
-)
-from spinfilters.campaigns.rows_folder import read_rows
-from spinfilters.campaigns.statistics import (
-    NOTHING,
-    Interval,
-    cell_summaries,
     positive_mean,
     ratio_of_squares,
+    reference_of,
     share,
 )
 from spinfilters.campaigns.study import Study, read_study

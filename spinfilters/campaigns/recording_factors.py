@@ -24,8 +24,7 @@ from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.feature_tracks import EveryAppearance, SomeAppearances
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.state_layout import StateLayout
-from spinfilters.run.given_belief import OTHER_STD, drawn_start
-from spinfilters.run.preparation import prepare
+from spinfilters.run.preparation import OTHER_STD, drawn_start, prepare
 from spinfilters.settings.run_settings import Settings, TruthValue
 from spinfilters.simulation.measurement_faults import (
     Dropout,

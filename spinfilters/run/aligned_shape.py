@@ -177,8 +177,8 @@ def _notes(found: list[Registration], size: float) -> list[str]:
 
 
 def _write(place: Path, made: AlignedShape) -> None:
+    from spinfilters.plots.reference_figures import slices_figure
     from spinfilters.plots.style import draw_figure
-    from spinfilters.plots.surface_slices import slices_figure
 
     title = f"Dense model on {made.document['shape']}"
     draw_figure(lambda: slices_figure(made.known, made.moved, title), place / ALIGNMENT_PICTURE)

@@ -14,23 +14,25 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset, Segment
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
 from spinfilters.io.stated_values import to_state
-from spinfilters.run.flight_momentum import (
+from spinfilters.run.flight_windows import (
     ROTATION,
     MomentumChange,
+    PoseLog,
     RotationHistory,
     Stretch,
+    acceleration_of,
     covered,
     inertia_tensor,
     momentum_change,
     momentum_errors,
     noise_level,
     pieces_between_gaps,
+    pose_flights,
     rotation_history,
     runs_of,
     window_ends,
     without_overlap,
 )
-from spinfilters.run.flight_parabolas import PoseLog, acceleration_of, pose_flights
 
 LARGEST_ERROR: Final = 0.01
 """Of the momentum over a window: scale errors of gyros leave 0.1 to 0.9 %, a hand 2 % and more."""

@@ -21,14 +21,16 @@ from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.run import smoother_convergence
 from spinfilters.run.array_files import finite_document
 from spinfilters.run.estimation import Comparison, compare_estimators
-from spinfilters.run.inertia_race_output import race_figures, require_inertias, write_race
 from spinfilters.run.pictures import Pictures, draw_pictures
 from spinfilters.run.predictions import (
     is_predicted,
     prediction_figures,
     prediction_lines,
+    race_figures,
+    require_inertias,
     times_ahead,
     write_predictions,
+    write_race,
 )
 from spinfilters.run.preparation import prepare
 from spinfilters.run.reference_output import (

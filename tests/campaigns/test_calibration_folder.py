@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from spinfilters.campaigns import calibration_draws, calibration_report
-from spinfilters.campaigns.calibration_draws import CalibrationDraw
-from spinfilters.campaigns.calibration_folder import (
+from spinfilters.campaigns.calibration_draws import (
     DRAWS_FILE,
     STUDY_FILE,
+    CalibrationDraw,
     CalibrationStudy,
     add_draw,
     read_draws,

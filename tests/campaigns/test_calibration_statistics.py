@@ -5,7 +5,7 @@ import pytest
 from scipy.special import ndtr
 
 from spinfilters.campaigns.calibration_draws import CalibrationDraw, StatedComponent, mixture_square
-from spinfilters.campaigns.calibration_statistics import (
+from spinfilters.campaigns.calibration_report import (
     component_calibration,
     gaussian_crps,
     nees_calibration,

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.campaigns.campaign_folder import keep_study, open_folder
 from spinfilters.campaigns.filter_comparison import (
     NAMES,
     LevelResult,
@@ -18,10 +17,9 @@ from spinfilters.campaigns.filter_comparison import (
     study_file,
     write_comparison_page,
 )
-from spinfilters.campaigns.paired_ratios import MARKERS
-from spinfilters.campaigns.rows_folder import RowsFolder, read_rows
+from spinfilters.campaigns.rows_folder import RowsFolder, keep_study, open_folder, read_rows
 from spinfilters.campaigns.runner import Runner, asked, ended
-from spinfilters.campaigns.statistics import positive_mean
+from spinfilters.campaigns.statistics import MARKERS, positive_mean
 from spinfilters.campaigns.study import Study, study_from
 from spinfilters.core.errors import InputError
 from spinfilters.plots.printing import PrintStyle

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.campaigns.paired_ratios import geometric_ratio, reference_of
+from spinfilters.campaigns.statistics import geometric_ratio, reference_of
 
 
 def test_the_difficulty_of_a_recording_cancels_in_a_ratio() -> None:

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.campaigns.campaign_folder import keep_study, open_folder
 from spinfilters.campaigns.campaign_report import write_report
-from spinfilters.campaigns.rows_folder import RowsFolder, read_rows
+from spinfilters.campaigns.rows_folder import RowsFolder, keep_study, open_folder, read_rows
 from spinfilters.campaigns.runner import asked, ended
 from spinfilters.campaigns.statistics import cell_summaries, mean, ratio_of_squares, root_mean_square, share
 from spinfilters.campaigns.study import Study, study_from

@@ -18,8 +18,7 @@ from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.text_table import read_csv
 from spinfilters.io.truth import TRUTH_COLUMNS
 from spinfilters.run.array_files import read_arrays, write_arrays
-from spinfilters.run.inertia_race_output import race_figures
-from spinfilters.run.predictions import stamps_ahead
+from spinfilters.run.predictions import race_figures, stamps_ahead
 from spinfilters.run.reference_output import kept_reference
 from tests.cli.faults import refusal
 

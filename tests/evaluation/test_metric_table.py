@@ -11,10 +11,9 @@ from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
 from spinfilters.api.comparison import Run
-from spinfilters.campaigns.campaign_folder import keep_study, open_folder
 from spinfilters.campaigns.campaign_report import write_report
 from spinfilters.campaigns.row_columns import result_columns, schema
-from spinfilters.campaigns.rows_folder import RowsFolder, read_rows
+from spinfilters.campaigns.rows_folder import RowsFolder, keep_study, open_folder, read_rows
 from spinfilters.campaigns.runner import asked, when_and_where
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.epoch_spans import own_span

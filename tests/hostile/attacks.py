@@ -480,7 +480,7 @@ def _campaigns() -> Iterator[Case]:
         "motion": {"base": {"rate_rpm": [4.0, 9.0, 3.0], "epochs": 30}},
         "sensor": {"base": {"kind": "gyro"}},
     }
-    from spinfilters.campaigns.campaign_folder import begun
+    from spinfilters.campaigns.rows_folder import begun
     from spinfilters.campaigns.runner import ended
     from spinfilters.campaigns.study import study_from
     from spinfilters.io.output_files import write_json, write_toml

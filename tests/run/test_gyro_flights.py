@@ -6,7 +6,7 @@ import pytest
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
-from spinfilters.run.flight_momentum import inertia_tensor, momentum_change, rotation_history
+from spinfilters.run.flight_windows import inertia_tensor, momentum_change, rotation_history
 from spinfilters.run.free_flight import find_flights, gyro_flights, unexplained_force
 from tests.run.throws import FLIGHTS, INTERVAL, MOMENTS, Carried, carried
 

@@ -36,7 +36,7 @@ def fuse(options: FuseArguments) -> int:
 
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign
-    from spinfilters.run.fused_runs import fuse_runs, write_fused
+    from spinfilters.run.segment_runs import fuse_runs, write_fused
 
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND.name)

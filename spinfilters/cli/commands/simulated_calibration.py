@@ -33,8 +33,14 @@ class CalibrationArguments:
 
 def calibrate_by_simulation(options: CalibrationArguments) -> int:
     """Make the draws that the folder lacks, then write its report."""
-    from spinfilters.campaigns.calibration_draws import drawn_scenario, made_draws
-    from spinfilters.campaigns.calibration_folder import CalibrationStudy, add_draw, claim_folder, read_draws
+    from spinfilters.campaigns.calibration_draws import (
+        CalibrationStudy,
+        add_draw,
+        claim_folder,
+        drawn_scenario,
+        made_draws,
+        read_draws,
+    )
     from spinfilters.campaigns.calibration_report import PAGE_FILE, RESULT_FILE, write_report
     from spinfilters.cli.campaign_progress import interruption
     from spinfilters.cli.console import progress_bars, wide_console

@@ -12,7 +12,7 @@ from spinfilters.evaluation.reference_fit import axis_and_angle
 from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.lidar.registration import registered
 from spinfilters.lidar.shape_alignment import facet_cloud, surface_cloud
-from spinfilters.plots.surface_slices import slices_figure
+from spinfilters.plots.reference_figures import slices_figure
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
 from spinfilters.reproduction.tweddle.rendered_recording import (
     FEW_PAIRS,

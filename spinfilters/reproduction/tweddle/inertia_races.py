@@ -16,7 +16,7 @@ from spinfilters.core.attitude_conversions import inverse, multiply, quaternion_
 from spinfilters.core.conventions import RPM
 from spinfilters.core.torque_free import torque_free_motion
 from spinfilters.evaluation.prediction_errors import NamedInertia, PropagatedInertia, propagate_inertias
-from spinfilters.plots.prediction_figures import inertia_race_figure
+from spinfilters.plots.reference_figures import inertia_race_figure
 from spinfilters.plots.style import BLACK, BLUE, RED, legend_below, tidy
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
 from spinfilters.reproduction.tweddle.metrology_comparison import STEP
