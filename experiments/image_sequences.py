@@ -25,7 +25,7 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.io.dataset_reader import has_images
 from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.image_recordings import IMAGE_RADIUS_M, ImageScenario, render
+from spinfilters.simulation.image_sequence import IMAGE_RADIUS_M, ImageScenario, render
 from spinfilters.simulation.scenario_record import Scenario
 from spinfilters.vision.track_images import TrackedImages, track_images, track_images_online
 

@@ -17,7 +17,7 @@ from spinfilters.lidar.planes import PointNoise, extract_planes
 from spinfilters.lidar.scan import LidarNoise, RayPattern, rvs_noise
 from spinfilters.lidar.scan_pose import rotation_vector
 from spinfilters.lidar.scan_poses import scan_poses
-from spinfilters.reproduction.decoust.sequences import SEQUENCES
+from spinfilters.reproduction.decoust.snapshot_frames import SEQUENCES
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 from spinfilters.simulation.lidar_sequence import Initial, scan_sequence, scan_times, tumble_of
 

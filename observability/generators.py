@@ -39,8 +39,7 @@ from observability.monomials import (
 )
 from observability.null_fields import NullFields, is_rational
 from observability.power_series import Series
-from observability.rational_generators import rational_fields
-from observability.rational_reconstruction import Modulo, coprime_integers, fractions_that_hold
+from observability.rational_generators import Modulo, coprime_integers, fractions_that_hold, rational_fields
 from observability.residue_matrices import Echelon, reduce_columns
 
 SPARE = 6

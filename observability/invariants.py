@@ -30,7 +30,7 @@ from observability.monomials import (
     sum_in_words,
 )
 from observability.null_fields import is_rational, point_at
-from observability.rational_reconstruction import Modulo, coprime_integers, fractions_that_hold
+from observability.rational_generators import Modulo, coprime_integers, fractions_that_hold
 from observability.residue_matrices import Echelon
 from observability.written_formulas import written
 

@@ -17,16 +17,21 @@ import numpy as np
 
 from observability.codistribution import ExactRank
 from observability.discrete_rank import outputs_rank
-from observability.discrete_symmetries import DiscreteSearch, SolutionFamily, discrete_symmetries
 from observability.generators import Generator, named_directions
-from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
 from observability.invariants import Invariant, InvariantSet, Reparametrisation, invariants, reparametrised
-from observability.lie_derivatives import ObservabilityMatrix, observability_matrix
+from observability.lie_derivatives import InvertedModel, ObservabilityMatrix, invert, observability_matrix
 from observability.model import Model, model_of, with_norms
 from observability.model_rank import THOUSANDTHS, ReachedModel, draw_point, projected, reached
 from observability.null_vectors import RationalNullSpace, rational_null_space, symbolic_null_vectors
-from observability.other_solutions import NOT_SEARCHED, OtherSolutions, other_solutions
+from observability.other_solutions import (
+    NOT_SEARCHED,
+    DiscreteSearch,
+    OtherSolutions,
+    SolutionFamily,
+    discrete_symmetries,
+    other_solutions,
+)
 from observability.real_rank import RealRank, real_rank
 from observability.tape import NAMES, PIECEWISE
 from observability.written_formulas import written

@@ -23,8 +23,7 @@ from observability.model import Model
 from observability.model_rank import ReachedModel, other_primes, output_rows
 from observability.monomials import Polynomial
 from observability.null_fields import NullFields, is_rational, point_at
-from observability.rational_generators import rational_fields
-from observability.rational_reconstruction import Modulo, fractions_that_hold
+from observability.rational_generators import Modulo, fractions_that_hold, rational_fields
 from observability.residue_matrices import Echelon
 from observability.tape import PIECEWISE, TRANSCENDENTAL
 from observability.written_formulas import written

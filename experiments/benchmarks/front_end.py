@@ -13,7 +13,7 @@ from pathlib import Path
 from experiments.benchmarks.stopwatch import begin_benchmark, now
 from experiments.command_line import run_study
 from spinfilters.io.dataset_reader import has_images
-from spinfilters.simulation.image_recordings import IMAGE_RADIUS_M, ImageScenario, render
+from spinfilters.simulation.image_sequence import IMAGE_RADIUS_M, ImageScenario, render
 from spinfilters.simulation.scenario import RICH_RPM
 from spinfilters.simulation.scenario_record import Scenario
 from spinfilters.vision.track_images import track_images

@@ -13,10 +13,17 @@ from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
-from spinfilters.core.axis_stability import AxisStability, Stability, axis_stability
 from spinfilters.core.conventions import RPM
 from spinfilters.core.polhode import Polhode, are_of_rigid_body, nearest_possible_moments, polhode_of_moments
-from spinfilters.core.rolling_motion import Cones, RollingMotion, cones, rolling_motion
+from spinfilters.core.rolling_motion import (
+    AxisStability,
+    Cones,
+    RollingMotion,
+    Stability,
+    axis_stability,
+    cones,
+    rolling_motion,
+)
 from spinfilters.core.spin_threshold import InspectionMission, spin_threshold
 from spinfilters.plots.scene import draw_ellipsoid, draw_on_ellipsoid, draw_wires, faces_viewer
 from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, PURPLE, RED, legend_below, tidy

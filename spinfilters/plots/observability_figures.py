@@ -16,13 +16,13 @@ from observability.bound_study import BoundStudy, Curve
 from observability.certificate import Certificate
 from observability.conditioning import (
     BEST_CONDITION,
+    TIME_STEPS,
     CovarianceConditioning,
     best_time_step,
     condition_number,
     conditions_over,
     double_integrator_covariance,
 )
-from observability.conditioning_report import TIME_STEPS
 from observability.cramer_rao import BLOCK_NAMES, EACH_MOMENT, MOMENTS, PLACE, Quantity
 from observability.further_sensors import OTHER_AXES, FurtherSensors
 from spinfilters.io.sensor_format import kind_called

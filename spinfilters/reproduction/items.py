@@ -8,17 +8,19 @@ from spinfilters.reproduction.decoust.processed_clouds import PROCESSED_CLOUDS
 from spinfilters.reproduction.decoust.simulated_scans import SIMULATED_SCANS, STL_READER
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
-from spinfilters.reproduction.tweddle.aligned_model import ALIGNED_MODEL
 from spinfilters.reproduction.tweddle.camera_checkout import CAMERA_CHECKOUT
 from spinfilters.reproduction.tweddle.comparative_studies import COMPARATIVE_STUDIES
 from spinfilters.reproduction.tweddle.final_deviations import FINAL_DEVIATIONS
-from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
 from spinfilters.reproduction.tweddle.inertia_races import INERTIA_RACES
 from spinfilters.reproduction.tweddle.mapped_body import DENSE_MODEL, MAPPED_BODY
 from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
 from spinfilters.reproduction.tweddle.metrology_courses import METROLOGY_COURSES
-from spinfilters.reproduction.tweddle.noise_and_charts import CONDITIONING, NOISE_AND_CHARTS
-from spinfilters.reproduction.tweddle.reference_inertia import REFERENCE_INERTIA
+from spinfilters.reproduction.tweddle.noise_and_charts import (
+    CONDITIONING,
+    INERTIA_OBSERVABILITY,
+    NOISE_AND_CHARTS,
+)
+from spinfilters.reproduction.tweddle.reference_inertia import ALIGNED_MODEL, REFERENCE_INERTIA
 from spinfilters.reproduction.tweddle.settling_estimates import CONVERGENCE
 from spinfilters.reproduction.tweddle.spinning_bodies import POLHODES, SPIN_THRESHOLDS
 from spinfilters.reproduction.tweddle.stereo_rig import STEREO_PICTURES, STEREO_RIG

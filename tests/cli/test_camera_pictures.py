@@ -8,8 +8,7 @@ import pytest
 
 from spinfilters.cli.main import main
 from spinfilters.simulation.board_images import drawn_poses, write_board_images
-from spinfilters.simulation.image_recordings import ImageScenario, example_rig, render
-from spinfilters.simulation.image_sequence import Imaging
+from spinfilters.simulation.image_sequence import ImageScenario, Imaging, example_rig, render
 from spinfilters.simulation.scenario import Scenario
 from spinfilters.vision.calibration_images import Board
 from spinfilters.vision.rectification import write_raw_rig

@@ -82,7 +82,7 @@ def test_a_swallowed_ctrl_c_is_told(
             signal.raise_signal(signal.SIGINT)
         return 0.5
 
-    monkeypatch.setattr("observability.conditioning_report.best_time_step", swallowed)
+    monkeypatch.setattr("observability.conditioning.best_time_step", swallowed)
     assert main(["condition", "--time-step", "0.5", "-o", str(tmp_path / "c")]) == 0
     assert "nothing is missing" in capsys.readouterr().err
 

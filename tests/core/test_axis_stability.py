@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from spinfilters.core.axis_stability import Stability, axis_stability
 from spinfilters.core.errors import InputError
+from spinfilters.core.rolling_motion import Stability, axis_stability
 from spinfilters.core.torque_free import torque_free_motion
 
 MOMENTS = np.array([3.0, 2.0, 1.5])

@@ -27,8 +27,7 @@ import numpy as np
 from spinfilters.cli.main import main as run_command
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.simulation.board_images import drawn_poses, write_board_images
-from spinfilters.simulation.image_recordings import ImageScenario, example_rig, render
-from spinfilters.simulation.image_sequence import Imaging
+from spinfilters.simulation.image_sequence import ImageScenario, Imaging, example_rig, render
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.vision.calibration_images import Board
 

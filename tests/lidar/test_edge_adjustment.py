@@ -12,7 +12,7 @@ from spinfilters.lidar.mesh import box
 from spinfilters.lidar.planes import PointNoise, identified_noise
 from spinfilters.lidar.scan import RayPattern, Scan, rvs_noise
 from spinfilters.lidar.scan_pose import ScanPose
-from spinfilters.reproduction.decoust.sequences import SEQUENCES
+from spinfilters.reproduction.decoust.snapshot_frames import SEQUENCES
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 
 PLACE, SIZE = np.array([500.0, 0.0, 0.0]), 1.6

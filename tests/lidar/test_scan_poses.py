@@ -23,7 +23,7 @@ from spinfilters.lidar.scan import (
 )
 from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
-from spinfilters.reproduction.decoust.sequences import SEQUENCES
+from spinfilters.reproduction.decoust.snapshot_frames import SEQUENCES
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 from spinfilters.simulation.lidar_sequence import (
     Initial,

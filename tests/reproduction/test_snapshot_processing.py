@@ -6,8 +6,13 @@ import pytest
 from spinfilters.core.attitude_conversions import cross_matrix, matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.reproduction.decoust.pose_bound import center_bound, pose_bound
-from spinfilters.reproduction.decoust.reference_frames import best_fitting_sphere
-from spinfilters.reproduction.decoust.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
+from spinfilters.reproduction.decoust.snapshot_frames import (
+    PLACE,
+    SEQUENCES,
+    ProcessedSequence,
+    best_fitting_sphere,
+    processed_sequence,
+)
 from spinfilters.simulation.lidar_scanner import thesis_rotation
 from spinfilters.simulation.lidar_sequence import RANGE_NOISE
 

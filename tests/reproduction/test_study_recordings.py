@@ -9,7 +9,7 @@ from spinfilters.core.attitude_conversions import rotate
 from spinfilters.reproduction.tweddle.camera_checkout import DELIVERY, TURN, rigs
 from spinfilters.reproduction.tweddle.comparative_studies import stabilised
 from spinfilters.reproduction.tweddle.noise_and_charts import published_covariance
-from spinfilters.reproduction.tweddle.simulated_recording import landmark_bounds
+from spinfilters.reproduction.tweddle.replaced_recordings import landmark_bounds
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.vision.calibration_checkout import rotation_change
 

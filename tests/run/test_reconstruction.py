@@ -12,8 +12,7 @@ from spinfilters.io.ply_files import read_ply
 from spinfilters.run.comparison_run import RunOutput, compare_into
 from spinfilters.run.run_folder import mark_run_folder
 from spinfilters.settings.run_settings import ProcessSettings, Settings
-from spinfilters.simulation.image_recordings import ImageScenario, render
-from spinfilters.simulation.image_sequence import Imaging
+from spinfilters.simulation.image_sequence import ImageScenario, Imaging, render
 from spinfilters.simulation.scenario_record import Scenario
 from spinfilters.vision.track_images import track_images
 from tests.plots.chromium import document_after_scripts, pixels_drawn

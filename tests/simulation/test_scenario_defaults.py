@@ -18,7 +18,7 @@ from spinfilters.campaigns.recording_factors import (
 )
 from spinfilters.cli.main import parser
 from spinfilters.models.process import THESIS_NOISE
-from spinfilters.simulation.image_recordings import ImageScenario
+from spinfilters.simulation.image_sequence import ImageScenario
 from spinfilters.simulation.scenario import Scenario
 
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.simulation.image_recordings import ImageScenario, render
-from spinfilters.simulation.image_sequence import Imaging
+from spinfilters.simulation.image_sequence import ImageScenario, Imaging, render
 from spinfilters.simulation.scenario_record import Scenario
 
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import camera_deviations, read_sensor_file
-from spinfilters.simulation.image_recordings import example_rig
+from spinfilters.simulation.image_sequence import example_rig
 from spinfilters.vision.calibration_images import Board, BoardView, board_views, image_pairs
 from spinfilters.vision.depth_map import disparity_map
 from spinfilters.vision.image_folder import LossCount

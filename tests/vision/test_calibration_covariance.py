@@ -11,7 +11,7 @@ from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import camera_deviations
 from spinfilters.simulation.board_images import drawn_poses, drawn_views, write_board_images
-from spinfilters.simulation.image_recordings import example_rig
+from spinfilters.simulation.image_sequence import example_rig
 from spinfilters.vision.calibration_images import Board, board_views, distinct_views, image_pairs
 from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo, determination

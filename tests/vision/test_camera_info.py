@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from spinfilters.core.errors import InputError
-from spinfilters.simulation.image_recordings import example_rig
+from spinfilters.simulation.image_sequence import example_rig
 from spinfilters.vision.rectification import RawRig, read_raw_rig
 
 

@@ -9,7 +9,7 @@ import pytest
 from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.simulation.board_images import drawn_poses, projected
-from spinfilters.simulation.image_recordings import example_rig
+from spinfilters.simulation.image_sequence import example_rig
 from spinfilters.vision.calibration_checkout import (
     CalibrationDeviations,
     calibration_changes,

@@ -10,7 +10,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_tables import write_tum
 from spinfilters.io.truth import Truth, write_truth
-from spinfilters.simulation.image_recordings import example_rig
+from spinfilters.simulation.image_sequence import example_rig
 from spinfilters.vision.image_folder import LossCount, StampedPair
 from spinfilters.vision.rectification import Rectification, write_raw_rig
 from spinfilters.vision.track_images import read_image_source, rectified_camera_poses

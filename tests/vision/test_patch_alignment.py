@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.simulation.image_recordings import example_rig
+from spinfilters.simulation.image_sequence import example_rig
 from spinfilters.vision.front_end import aligned_patches
 from spinfilters.vision.rectification import RawCamera, Rectification
 

@@ -15,7 +15,7 @@ from spinfilters.simulation.scenario_record import Rates
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from observability.conditioning_report import ConditioningReport
+    from observability.conditioning import ConditioningReport
 
 TIME_STEP: Final = 0.5
 RATE_RPM: Final = (0.5, 10.0, 0.5)
@@ -70,8 +70,7 @@ def condition(options: ConditionArguments) -> int:
 def _of_time_step(options: ConditionArguments) -> "tuple[ConditioningReport, Callable[[], Figure]]":
     import numpy as np
 
-    from observability.conditioning import best_velocity_unit
-    from observability.conditioning_report import noise_report
+    from observability.conditioning import best_velocity_unit, noise_report
     from spinfilters.core.conventions import RPM
     from spinfilters.models.rotation_integrator import IntegrationError
     from spinfilters.plots.observability_figures import conditioning_figure
@@ -87,8 +86,7 @@ def _of_time_step(options: ConditionArguments) -> "tuple[ConditioningReport, Cal
 
 
 def _of_run(options: ConditionArguments, run: Path) -> "tuple[ConditioningReport, Callable[[], Figure]]":
-    from observability.conditioning import covariance_conditioning
-    from observability.conditioning_report import covariance_report
+    from observability.conditioning import covariance_conditioning, covariance_report
     from spinfilters.plots.observability_figures import covariance_figure
     from spinfilters.run.array_files import read_history
     from spinfilters.run.run_folder import HISTORY_FILE

@@ -11,8 +11,7 @@ from spinfilters.io.stated_values import Argument, NumberRange
 from spinfilters.simulation.scenario_record import Moments, Rates
 
 if TYPE_CHECKING:
-    from spinfilters.core.axis_stability import AxisStability
-    from spinfilters.core.rolling_motion import Cones, RollingMotion
+    from spinfilters.core.rolling_motion import AxisStability, Cones, RollingMotion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,9 +75,8 @@ def describe_motion(moments: Any, rate: Any, motion: "RollingMotion") -> dict[st
     """Numbers and sentences on a free rotation; ``moments`` (3,) of any scale, ``rate`` (3,) rad/s in principal axes."""
     import numpy as np
 
-    from spinfilters.core.axis_stability import axis_stability
     from spinfilters.core.polhode import are_of_rigid_body, nearest_possible_moments, polhode_of_moments
-    from spinfilters.core.rolling_motion import cones
+    from spinfilters.core.rolling_motion import axis_stability, cones
 
     kind, circular = polhode_of_moments(moments, rate).kind, cones(moments, rate)
     speed, possible = float(np.linalg.norm(rate)), are_of_rigid_body(moments)

@@ -87,7 +87,7 @@ def _simulate_images(options: SimulateArguments, folder: Path) -> int:
     """Render the motion's stereo images."""
     from spinfilters.cli.console import progress_bars, wide_console
     from spinfilters.io.output_files import output_folder
-    from spinfilters.simulation.image_recordings import IMAGE_RADIUS_M, ImageScenario, render
+    from spinfilters.simulation.image_sequence import IMAGE_RADIUS_M, ImageScenario, render
 
     scenario = options.scenario
     if options.known_map or any(scenario.gyro_bias) or scenario.inspector_errors:

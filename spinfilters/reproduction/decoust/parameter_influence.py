@@ -15,9 +15,13 @@ from matplotlib.figure import Figure
 
 from spinfilters.lidar.scan import RayPattern
 from spinfilters.plots.style import BLUE, GREY, RED, SKY, dot_handles, legend_below, tidy
-from spinfilters.reproduction.decoust.scan_features import Parameters, find_bndry_points, find_edge_points
-from spinfilters.reproduction.decoust.sequences import PLACE
-from spinfilters.reproduction.decoust.surfaces import surf_segm
+from spinfilters.reproduction.decoust.cloud_features import (
+    Parameters,
+    find_bndry_points,
+    find_edge_points,
+    surf_segm,
+)
+from spinfilters.reproduction.decoust.snapshot_frames import PLACE
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, decoust_item
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 from spinfilters.simulation.lidar_sequence import mesh_of

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.reproduction.decoust.sequences import PLACE
+from spinfilters.reproduction.decoust.snapshot_frames import PLACE
 from spinfilters.simulation.lidar_scanner import thesis_rotation
 from spinfilters.simulation.lidar_sequence import RANGE_NOISE
 

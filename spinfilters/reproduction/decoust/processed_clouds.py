@@ -17,19 +17,25 @@ from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.scan import LidarNoise, RayPattern
 from spinfilters.plots.scene import draw_wires, equal_scales, space_figure
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
-from spinfilters.reproduction.decoust.corners import SnapshotFeatures, snapshot_features
-from spinfilters.reproduction.decoust.pose_bound import noise_free, pose_bound
-from spinfilters.reproduction.decoust.reference_frames import Sphere, best_fitting_sphere
-from spinfilters.reproduction.decoust.scan_features import (
+from spinfilters.reproduction.decoust.cloud_features import (
     BOUNDARY,
     EDGE,
     SURFACE,
     Parameters,
     PointFeatures,
+    SnapshotFeatures,
     find_bndry_points,
     find_edge_points,
+    snapshot_features,
 )
-from spinfilters.reproduction.decoust.sequences import PLACE, SEQUENCES, ProcessedSequence
+from spinfilters.reproduction.decoust.pose_bound import noise_free, pose_bound
+from spinfilters.reproduction.decoust.snapshot_frames import (
+    PLACE,
+    SEQUENCES,
+    ProcessedSequence,
+    Sphere,
+    best_fitting_sphere,
+)
 from spinfilters.reproduction.decoust.snapshots import corners_bound, edges_bound, sequence
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, decoust_item
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation

@@ -15,14 +15,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREEN, ORANGE, RED, legend_below, tidy
-from spinfilters.reproduction.decoust.corners import find_corner, planes_through
+from spinfilters.reproduction.decoust.cloud_features import find_corner, planes_through
 from spinfilters.reproduction.decoust.pose_bound import PoseBound, center_bound, noise_free, pose_bound
-from spinfilters.reproduction.decoust.reference_frames import (
+from spinfilters.reproduction.decoust.snapshot_frames import (
+    PLACE,
+    SEQUENCES,
+    ProcessedSequence,
     best_fitting_sphere,
+    processed_sequence,
     reference_frame,
     transition_errors,
 )
-from spinfilters.reproduction.decoust.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, decoust_item
 
 CORNER_DIFFERENCES: Final = np.array(

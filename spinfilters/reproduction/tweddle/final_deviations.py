@@ -21,7 +21,7 @@ from spinfilters.io.truth import Truth
 from spinfilters.models.body import BodyHistory
 from spinfilters.plots.style import BLACK, BLUE, GREEN, RED, legend_below, tidy
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
-from spinfilters.reproduction.tweddle.simulated_recording import FULL, SHORT, bound_cell, simulated_recording
+from spinfilters.reproduction.tweddle.replaced_recordings import FULL, SHORT, bound_cell, simulated_recording
 from spinfilters.simulation.scenario import Scenario
 
 MAJOR_FIRST: Final = [2, 1, 0]

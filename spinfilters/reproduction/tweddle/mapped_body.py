@@ -23,14 +23,17 @@ from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.plots.scene import DrawnCamera, equal_scales, scene_figure, viewer_direction
 from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, ORANGE, legend_below, tidy
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
-from spinfilters.reproduction.tweddle.aligned_model import true_rotation
-from spinfilters.reproduction.tweddle.rendered_recording import FEW_PAIRS, PAIRS, RENDERED, rendered_recording
-from spinfilters.reproduction.tweddle.simulated_recording import (
+from spinfilters.reproduction.tweddle.reference_inertia import true_rotation
+from spinfilters.reproduction.tweddle.replaced_recordings import (
+    FEW_PAIRS,
     FULL,
+    PAIRS,
+    RENDERED,
     SHORT,
     SimulatedRecording,
     bound_cell,
     landmark_bounds,
+    rendered_recording,
     simulated_recording,
 )
 from spinfilters.simulation.scenario import Scenario

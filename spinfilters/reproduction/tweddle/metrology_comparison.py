@@ -38,7 +38,7 @@ from spinfilters.plots.reference_figures import (
     turn_courses_figure,
 )
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
-from spinfilters.reproduction.tweddle.simulated_recording import FULL, NO_BOUND, SHORT
+from spinfilters.reproduction.tweddle.replaced_recordings import FULL, NO_BOUND, SHORT
 from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map

@@ -24,12 +24,7 @@ from spinfilters.plots.settling import (
 )
 from spinfilters.plots.style import BLUE, ORANGE, tidy
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
-from spinfilters.reproduction.tweddle.simulated_recording import (
-    FULL,
-    NO_BOUND,
-    SHORT,
-    simulated_recording,
-)
+from spinfilters.reproduction.tweddle.replaced_recordings import FULL, NO_BOUND, SHORT, simulated_recording
 from spinfilters.run.preparation import prepare
 from spinfilters.run.smoother_convergence import Settling, recorded_convergence, settling_of
 from spinfilters.settings.run_settings import Settings

@@ -10,10 +10,9 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from spinfilters.core.axis_stability import axis_stability
 from spinfilters.core.conventions import RPM
 from spinfilters.core.polhode import PolhodeKind, polhode_of_moments
-from spinfilters.core.rolling_motion import RollingMotion, cones, rolling_motion
+from spinfilters.core.rolling_motion import RollingMotion, axis_stability, cones, rolling_motion
 from spinfilters.core.spin_threshold import ORBITAL_EXPRESS, SPHERES, spin_threshold
 from spinfilters.plots.free_rotation import cones_figure, polhode_figure, spin_threshold_figure
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item

@@ -20,8 +20,7 @@ from spinfilters.plots.style import BLUE, GREEN, RED, tidy
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
 from spinfilters.reproduction.tweddle.camera_checkout import BOARD, rigs
 from spinfilters.simulation.board_images import board_images, projected
-from spinfilters.simulation.image_recordings import ImageScenario, render
-from spinfilters.simulation.image_sequence import Imaging
+from spinfilters.simulation.image_sequence import ImageScenario, Imaging, render
 from spinfilters.simulation.scenario import Scenario
 from spinfilters.vision.depth_map import disparity_map, local_disparity_map, textured_pixels
 from spinfilters.vision.rectification import Rectification

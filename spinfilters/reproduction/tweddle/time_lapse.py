@@ -15,15 +15,15 @@ from spinfilters.io.truth import Truth
 from spinfilters.models.body import BodyEstimate
 from spinfilters.plots.style import BLUE, GREY, ORANGE, PRINCIPAL_NAMES, RED, SKY, legend_below, tidy
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
-from spinfilters.reproduction.tweddle.rendered_recording import (
+from spinfilters.reproduction.tweddle.replaced_recordings import (
     FEW_PAIRS,
     PAIRS,
     RENDERED,
     TIME_LAPSE,
     RenderedRecording,
+    bound_cell,
     rendered_recording,
 )
-from spinfilters.reproduction.tweddle.simulated_recording import bound_cell
 from spinfilters.vision.depth_map import textured_pixels
 
 LENGTH: Final = 0.14

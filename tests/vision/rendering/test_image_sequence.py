@@ -10,13 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from spinfilters.io.sensor_tables import read_tum
 from spinfilters.io.truth import read_truth
-from spinfilters.simulation.image_recordings import ImageScenario, example_rig, render
 from spinfilters.simulation.image_sequence import (
     FramePose,
+    ImageScenario,
     Imaging,
     add_stars,
+    example_rig,
     ideal_matrix,
     photograph,
+    render,
     rendered_pairs,
 )
 from spinfilters.simulation.scenario_record import Scenario
