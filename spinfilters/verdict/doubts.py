@@ -1,6 +1,6 @@
 """Doubts about the estimates of a run, and their verdicts."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -200,11 +200,18 @@ def _stated_std(
     if best.calibration is not None:
         times = _calibration_enlargements(setup, models)
         variance = variance + (best.calibration[: len(variance)] ** 2) @ (times**2 - 1)
-    if models.clock_drift is not None:
-        variance = variance + models.clock_drift[: len(variance)] ** 2
-    for error in models.possible_contacts:
+    for error in _possible_errors(models, len(variance)):
         variance = variance + error**2
     return np.sqrt(variance)
+
+
+def _possible_errors(models: TestedModels, epochs: int) -> Iterator[Float[np.ndarray, "k n"]]:
+    """Errors by the drift of a clock and by possible contacts, at the first epochs; those beyond the tested ones know of none."""
+    drift = () if models.clock_drift is None else (models.clock_drift,)
+    for error in (*drift, *models.possible_contacts):
+        counted = np.zeros((epochs, error.shape[1]))
+        counted[: len(error)] = error[:epochs]
+        yield counted
 
 
 def _calibration_enlargements(setup: Setup, models: TestedModels) -> Float[np.ndarray, " c"]:
@@ -297,14 +304,9 @@ def _widen_evaluation(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
     if history.calibration is not None:
         times = _calibration_enlargements(setup, doubts.models)
         history = history if (times == 1).all() else history.with_larger_calibration(times)
-    drift = doubts.models.clock_drift
-    if drift is not None and len(history.time) <= len(drift) and np.isfinite(drift).all():
-        history = history.with_calibration_error(drift[: len(history.time)])
-    for error in doubts.models.possible_contacts:
+    for error in _possible_errors(doubts.models, len(history.time)):
         if np.isfinite(error).all():
-            counted = np.zeros((len(history.time), error.shape[1]))
-            counted[: len(error)] = error[: len(counted)]  # later epochs do not know of it
-            history = history.with_calibration_error(counted)
+            history = history.with_calibration_error(error)
     mixture = doubts.models.correlated.mixture
     if mixture is not None:
         own = evaluation.history.last_mixture(mixture, history.calibration)
