@@ -1,4 +1,4 @@
-"""C code compiled to shared libraries, and the folder of this user that keeps them between runs."""
+"""C code compiled to shared libraries, and the folder that keeps them between runs."""
 
 import ctypes
 import hashlib
@@ -16,27 +16,11 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import casadi as ca
-import platformdirs
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.shipped_libraries import NATIVE, has_libraries, processor, shipped_library
+from spinfilters.core.user_cache import cache_folder
 from spinfilters.core.working_time import building
-
-
-def cache_folder() -> Path | None:
-    """Folder of compiled libraries and unpacked bags.
-
-    It is ``$SPINFILTERS_CACHE`` or the user's cache folder; None for a user without a home.
-    """
-    chosen = os.environ.get("SPINFILTERS_CACHE")
-    if chosen:
-        return Path(os.path.abspath(chosen))
-    try:
-        folder = Path(platformdirs.user_cache_dir("spinfilters"))
-    except RuntimeError:
-        return None
-    return folder if folder.is_absolute() else None
-
 
 OWN_FOLDER, OWN_FILE = 0o700, 0o600
 """Permissions given to what is made here, whatever the umask."""

@@ -11,8 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from spinfilters.core.c_library import cache_folder
 from spinfilters.core.errors import InputError
+from spinfilters.core.user_cache import cache_folder
 from spinfilters.io.input_file import path_text, printable
 from spinfilters.io.output_files import make_folder, output_folder, write_text, write_toml
 from spinfilters.io.stated_values import ReadingOptions

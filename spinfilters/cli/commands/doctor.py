@@ -168,7 +168,7 @@ def _compiled_code() -> str:
 
 
 def _cache() -> str:
-    from spinfilters.core.c_library import cache_folder
+    from spinfilters.core.user_cache import cache_folder
 
     folder = cache_folder()
     if folder is None:
