@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline
-from spinfilters.inference.initialisation import defining_g, guessed_trajectory, wide_prior
+from spinfilters.inference.initial_estimate import defining_g, guessed_trajectory, wide_prior
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensor import pose_samples
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout

@@ -341,13 +341,13 @@ class Run(Mapping[str, EstimatorResult]):
             write_netcdf(Path(folder), self._evaluations)
             return Path(folder)
         if suffix == ".mcap":
-            from spinfilters.run.mcap_file import write_mcap
+            from spinfilters.run.exported_runs import write_mcap
 
             write_mcap(Path(folder), self._evaluations)
             return Path(folder)
         if suffix == ".rrd":
             from spinfilters.io.dataset_reader import has_images
-            from spinfilters.run.rerun_file import write_rrd
+            from spinfilters.run.exported_runs import write_rrd
 
             maps = {each.name: each.landmarks for each in self.values() if each.landmarks is not None}
             source = self.dataset.path

@@ -16,8 +16,7 @@ from spinfilters.filters.square_root import triangular_factor
 from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline, run, times_of
 from spinfilters.inference.identification import Identified, identify
 from spinfilters.inference.identified_noise import Unstated, noise_model
-from spinfilters.inference.initial_estimate import InitialEstimate
-from spinfilters.inference.initialisation import initialise, initialised_again
+from spinfilters.inference.initial_estimate import InitialEstimate, initialise, initialised_again
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import reason
 from spinfilters.io.measurement_log import MeasurementStream

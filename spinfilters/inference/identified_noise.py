@@ -10,8 +10,7 @@ from jaxtyping import Float
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.filters.noise_levels import ComponentRows, VarianceComponent
 from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, by_sensor
-from spinfilters.inference.initial_estimate import InitialEstimate
-from spinfilters.inference.initialisation import initialise
+from spinfilters.inference.initial_estimate import InitialEstimate, initialise
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import reason

@@ -17,7 +17,7 @@ from spinfilters.filters.timeline import OnEpoch, Timeline, rehearse, run, times
 from spinfilters.inference.first_epochs import initial_samples
 from spinfilters.inference.identification import Identified, identify
 from spinfilters.inference.identified_noise import noise_model
-from spinfilters.inference.initialisation import guessed_trajectory
+from spinfilters.inference.initial_estimate import guessed_trajectory
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.body import MassSamples

@@ -10,6 +10,7 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.document import read_xml
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     parse_number,
@@ -24,7 +25,6 @@ from spinfilters.io.sensor_tables import require_clock
 from spinfilters.io.stated_values import ReadingOptions
 from spinfilters.io.table_layout import TableLayout
 from spinfilters.io.text_table import Table
-from spinfilters.io.xml_file import read_xml
 
 _POSITIONS: Final = (".e", ".oem")
 """Ephemerides of positions, which hold no attitude."""

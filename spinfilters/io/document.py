@@ -1,14 +1,15 @@
-"""Documents of keys and values: plain YAML, and the finite numbers of a key of YAML or TOML."""
+"""Documents of keys and values: plain YAML, the finite numbers of a key of YAML or TOML, and elements of XML without entities."""
 
 import math
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.input_file import path_text, read_settings_text, reason, value_text
+from spinfilters.io.input_file import path_text, read_bytes, read_settings_text, reason, value_text
 
 _MOST_NESTED = 20  # of brackets and blocks in YAML, whose reader works from nested calls
 _MOST_NODES = 20_000  # of a YAML file: a calibration has a hundred
@@ -104,3 +105,27 @@ def _finite_number(path: Path, key: str, item: object) -> float:
 def _wrong_shape(path: Path, key: str, value: object, shape: tuple[int, ...]) -> InputError:
     expected = "x".join(map(str, shape)) + " numbers" if shape else "a number"
     return InputError(f"{path_text(path)}: {key} is {value_text(value)}, expected {expected}; correct it")
+
+
+LARGEST_XML = 512 * 1024**2
+"""Bytes; its elements take some ten times as much memory."""
+
+
+def read_xml(path: Path) -> ElementTree.Element:
+    """Root of an XML file, its names without name spaces.
+
+    Raises
+    ------
+    InputError
+        As `read_bytes`; no XML in UTF-8; a document type, whose entities could unpack to any size.
+    """
+    data = read_bytes(path, LARGEST_XML)
+    if b"\0" in data or b"<!DOCTYPE" in data.upper():
+        raise InputError(f"{path_text(path)}: is no UTF-8 XML without a document type; export it again")
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, RecursionError, LookupError, ValueError) as error:
+        raise InputError(f"{path_text(path)}: is not XML ({reason(error)}); export it again") from None
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+    return root

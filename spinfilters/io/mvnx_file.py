@@ -10,12 +10,12 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.document import read_xml
 from spinfilters.io.input_file import path_text, printable, value_text
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
 from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions, to_state
-from spinfilters.io.xml_file import read_xml
 
 _POSE_NAMES: Final = ("px", "py", "pz", "qw", "qx", "qy", "qz")
 

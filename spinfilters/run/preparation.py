@@ -23,8 +23,7 @@ from spinfilters.inference.first_epochs import (
     with_identified_noise,
 )
 from spinfilters.inference.identified_noise import is_smallest
-from spinfilters.inference.initial_estimate import InitialEstimate
-from spinfilters.inference.initialisation import DEFINED_ATTITUDE_STD
+from spinfilters.inference.initial_estimate import DEFINED_ATTITUDE_STD, InitialEstimate
 from spinfilters.inference.noise_choice import (
     considered_deviations,
     levels_of_rows,

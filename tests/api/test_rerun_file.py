@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import spinfilters
-from spinfilters.run.rerun_file import write_rrd
+from spinfilters.run.exported_runs import write_rrd
 
 
 def test_a_run_saved_for_rerun_is_read_back(tmp_path: Path) -> None:

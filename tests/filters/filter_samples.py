@@ -10,8 +10,7 @@ from spinfilters.evaluation.consistency import true_states
 from spinfilters.filters.estimator import Estimator
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline, run
-from spinfilters.inference.initial_estimate import InitialEstimate
-from spinfilters.inference.initialisation import initialise
+from spinfilters.inference.initial_estimate import InitialEstimate, initialise
 from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensor import MotionSamples

@@ -13,8 +13,12 @@ from spinfilters.core.errors import InputError
 from spinfilters.filters.estimator import LandmarkBelief, Measurement
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Epoch
-from spinfilters.inference.initial_estimate import InitialEstimate, SmoothingOptions, smooth_first_epochs
-from spinfilters.inference.initialisation import initialise
+from spinfilters.inference.initial_estimate import (
+    InitialEstimate,
+    SmoothingOptions,
+    initialise,
+    smooth_first_epochs,
+)
 from spinfilters.io.sensor_tables import KnownMap
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensor import MotionSamples

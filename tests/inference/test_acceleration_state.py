@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import RecordingCase, recordings
-from spinfilters.inference import initialisation as initialiser
+from spinfilters.inference import initial_estimate as initialiser
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset

@@ -12,8 +12,7 @@ from spinfilters.core.mass_distribution import inertia_matrix
 from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.filters.timeline import SensorNoise, build_timeline
-from spinfilters.inference.initial_estimate import InitialEstimate
-from spinfilters.inference.initialisation import guessed_trajectory, initialise
+from spinfilters.inference.initial_estimate import InitialEstimate, guessed_trajectory, initialise
 from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensor import MotionSamples, pose_samples
