@@ -35,6 +35,7 @@ from spinfilters.models.rotation_integrator import (
     ACCELERATION_TERMS,
     MAX_SUBSTEPS,
     LinearisedLoops,
+    LinearisedScan,
     LinearisedStep,
     LinearisedSteps,
     RotationIntegrator,
@@ -378,6 +379,11 @@ class TorqueFreeProcess:
             None without compiled code, or before the first step.
         """
         return self._integrator.linearised_loops(self._densities)
+
+    @property
+    def linearised_scan(self) -> LinearisedScan:
+        """`linearise` of many points side by side, for other compiled code to call."""
+        return self._integrator.linearised_scan
 
     def step_loops(self) -> StepLoops | None:
         """Compiled loops of `step` for many points.

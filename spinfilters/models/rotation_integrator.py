@@ -27,7 +27,7 @@ from spinfilters.core.vectorised import VectorisedScan
 from spinfilters.core.working_time import building, built_property
 from spinfilters.io.disturbances import DISTURBANCES, WHITE_FORCE, WHITE_TORQUE, noise_columns, noise_dim
 from spinfilters.models.state_blocks import ACCELERATION, DRAG, LINEAR_DRAG, MASS_DISTRIBUTION, ROTOR, TORQUE
-from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.state_layout import StateLayout, places_of_entries
 
 
 class LinearisedStep(NamedTuple):
@@ -130,6 +130,46 @@ class RotationSubsteps:
             ca.Function("begin", [x, p, dt, h], [ca.vertcat(values["q"], values["w"]), p, h]),
             ca.Function("step_substeps", [y, p, h, none], [substep(y, p, h)]),
             ca.Function("end", [x, p, dt, h, y], [moved, y]),
+        )
+
+    def linearised_scan(self) -> "LinearisedScan":
+        """`linearised_step` of many points side by side, to rounding.
+
+        Inputs: points, and of each dt and the duration h of a substep; densities. A turn for every substep, with the
+        `substep_numbers`. Outputs: the points after dt, errors, and the entries of transition and noise factor.
+        """
+        x, dt, h = ca.SX.sym("x", self._layout.mean_dim), ca.SX.sym("dt"), ca.SX.sym("h")
+        psd, n = ca.SX.sym("psd", len(DISTURBANCES)), self._parameter_count
+        values = self._layout.unpack(x)
+        rotation, rest = ca.vertcat(values["q"], values["w"]), ca.SX.zeros(6 * n + 36)
+        state, p = ca.SX.sym("state", 7 + 7 + 36 + 6 * n + 36), ca.SX.sym("p", n)
+        numbers = ca.SX.sym("numbers", 2)
+        coarse, sums = ca.vertsplit(state, [0, 7, state.numel()])
+        turn = ca.vertcat(
+            self.substep()(coarse, p, numbers[1] * h), self.linear_substep(sums, p, h, numbers[0])
+        )
+        last = ca.diagcat(ca.DM.zeros(3, 3), ca.DM.eye(3)) * h * boole_weights(FEWEST)[-1]
+        noise = ca.reshape(sums[-36:], 6, 6) + last
+        after, transition, factor = self.assemble(x, dt, psd, sums[:-36], noise)
+        error = rotation_difference(coarse, sums[:7]) / 15
+        made = [after, error, *(ca.vertcat(*matrix.nonzeros()) for matrix in (transition, factor))]
+        parameters = rotation_parameters(self._layout, values)
+        scan = VectorisedScan(
+            ca.Function(
+                "begin_linear",
+                [x, dt, h, psd],
+                [ca.densify(ca.vertcat(rotation, rotation, ca.SX.eye(6)[:], rest)), parameters, h],
+            ),
+            ca.Function("linear_substeps", [state, p, h, numbers], [turn]),
+            ca.Function("end_linear", [x, dt, h, psd, state], [ca.densify(each) for each in made]),
+        )
+        moved = [
+            i
+            for i in range(transition.shape[0])
+            if not (transition[i, :].nnz() == 1 and transition[i, i].is_one() and factor[i, :].nnz() == 0)
+        ]
+        return LinearisedScan(
+            scan, 1 + max(moved), places_of_entries(transition), places_of_entries(factor), factor.shape[1]
         )
 
     def step_error(self) -> ca.Function:
@@ -384,6 +424,28 @@ class StepLoops(NamedTuple):
     fewest: int
 
 
+class LinearisedScan(NamedTuple):
+    """Linearised steps of many points side by side.
+
+    Attributes
+    ----------
+    scan : VectorisedScan
+        See `RotationSubsteps.linearised_scan`.
+    moving : int
+        Errors before the last ones that stay as they are and gather no noise.
+    transition, noise : tuple[ndarray, ndarray]
+        Rows and columns of the entries that it gives of transition and noise factor.
+    noise_dim : int
+        Columns of the noise factor.
+    """
+
+    scan: VectorisedScan
+    moving: int
+    transition: tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]
+    noise: tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]
+    noise_dim: int
+
+
 class RotationIntegrator:
     """Steps and linearises a state whose rotation follows ``acceleration``.
 
@@ -563,6 +625,11 @@ class RotationIntegrator:
         return StepLoops(constants, math.prod(self._step_constants.output_shapes[0]), scan, error, FEWEST)
 
     @built_property
+    def linearised_scan(self) -> LinearisedScan:
+        """`linearise` of many points side by side."""
+        return self.expressions.linearised_scan()
+
+    @built_property
     def _scan(self) -> VectorisedScan:
         return self.expressions.step_scan()
 
@@ -618,6 +685,15 @@ def substeps(turn: float, tolerance: float) -> int:
     while count * min(angle, noise_angle) < turn and count <= MAX_SUBSTEPS:
         count *= 2
     return count
+
+
+@lru_cache(maxsize=64)
+def substep_numbers(count: int) -> Float[np.ndarray, "c 2"]:
+    """Noise weight and coarse step length of every substep of ``count``, the latter in substeps."""
+    numbers = np.zeros((count, 2))
+    if count:
+        numbers[:, 0], numbers[::2, 1] = boole_weights(count)[:count], 2.0
+    return numbers
 
 
 FEWEST_TOGETHER: Final = 8

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -389,6 +390,11 @@ class StateLayout:
         """`reset_jacobian` as a compiled function."""
         return self._reset
 
+    @property
+    def many_resets(self) -> "MatrixEntries":
+        """`reset_jacobian` of many errors side by side, for other compiled code to call."""
+        return _reset_lanes(self)
+
     def origin(self) -> Float[np.ndarray, " m"]:
         """The point with identity attitude and zeros elsewhere.
 
@@ -449,13 +455,49 @@ def _local_lanes(layout: StateLayout) -> Vectorised:
 @cache
 @building()
 def _reset_function(layout: StateLayout) -> Compiled:
+    d, jacobian = _reset_expression(layout)
+    return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
+
+
+def _reset_expression(layout: StateLayout) -> tuple[ca.SX, ca.SX]:
+    """An error and the reset Jacobian at it, the identity outside the curved blocks."""
     d = ca.SX.sym("d", layout.error_dim)
     jacobian = ca.SX.eye(layout.error_dim)
     for block in layout.curved:
         at = layout.slice(block.name)
         assert block.chart.reset_jacobian is not None
         jacobian[at, at] = block.chart.reset_jacobian(d[at])
-    return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
+    return d, jacobian
+
+
+@cache
+@building()
+def _reset_lanes(layout: StateLayout) -> "MatrixEntries":
+    d, jacobian = _reset_expression(layout)
+    entries = ca.Function("reset_entries", [d], [ca.densify(ca.vertcat(*jacobian.nonzeros()))])
+    return MatrixEntries(Vectorised(entries), *places_of_entries(jacobian))
+
+
+class MatrixEntries(NamedTuple):
+    """A function whose output are those entries of a matrix that may not be zero.
+
+    Attributes
+    ----------
+    entries : Vectorised
+        The function.
+    row, column : ndarray of int, shape (k,)
+        Places of the entries.
+    """
+
+    entries: Vectorised
+    row: Int[np.ndarray, " k"]
+    column: Int[np.ndarray, " k"]
+
+
+def places_of_entries(matrix: ca.SX) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Rows and columns of a matrix's structural nonzeros, in the order of `nonzeros`."""
+    row, column = matrix.sparsity().get_triplet()
+    return np.array(row, dtype=np.int64), np.array(column, dtype=np.int64)
 
 
 def _slices(blocks: tuple[str, ...], sizes: list[int]) -> dict[str, slice]:
