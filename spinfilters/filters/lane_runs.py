@@ -10,13 +10,14 @@ from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
 from spinfilters.core.compiled import address
 from spinfilters.filters.epoch_run import ROWS, EpochCall, RunOptions, epoch_run_text
 from spinfilters.filters.estimator import COUNTS, EpochRun, ProcessModel, RunsTaken
 from spinfilters.models.rotation_integrator import FEWEST, MOST_LIMITS, substep_numbers
+from spinfilters.models.state_layout import Places
 
 _FLAGS: Final = (*KERNEL_FLAGS, "-fno-strict-aliasing", "-Wno-psabi")
 _SIGNATURES: Final = {"take_in_runs": Signature("ppipp" + "ip" + "ip" + "pp" + "iip" + "ppp", None)}
@@ -114,22 +115,22 @@ def _lanes(process: ProcessModel) -> tuple[_Lanes, tuple[Any, ...]] | None:
     if linearised is None:
         return None
     reset = layout.many_resets
-    loops = (linearised.scan.loop, layout.many_retractions.loop, reset.entries.loop)
+    loops = (linearised.scan.loop, layout.many_retractions.loop, reset.function.loop)
     if None in loops:
         return None
     numbers = [substep_numbers(FEWEST << j) for j in range(MOST_LIMITS)]
     each = np.array([address(array) for array in numbers], dtype=np.int64)
     made = _Lanes(
         *(loops[0], FEWEST, address(each), linearised.moving),
-        *(_entries(*places) for places in (linearised.transition, linearised.noise)),
+        *map(_entries, (linearised.transition, linearised.noise)),
         *loops[1:],
-        _entries(reset.row, reset.column),
+        _entries(reset.places),
     )
     return made, (linearised, reset, numbers, each)
 
 
-def _entries(row: Int[np.ndarray, " k"], column: Int[np.ndarray, " k"]) -> _Entries:
-    return _Entries(len(row), address(row), address(column))
+def _entries(places: Places) -> _Entries:
+    return _Entries(len(places.row), *map(address, places))
 
 
 @cache

@@ -117,7 +117,13 @@ class BatchedLinearisation:
         count = self._integrator.count_at(float(steps.speeds.max()), float(dt.max())) if len(here) else 0
         while True:
             error, defect, transition, noise = self._scan(
-                here, steps.there, steps.about, dt, dt / max(count, 1), densities[None], each=substep_numbers(count)
+                here,
+                steps.there,
+                steps.about,
+                dt,
+                dt / max(count, 1),
+                densities[None],
+                each=substep_numbers(count),
             )
             if self._integrator.good(error, count):
                 break

@@ -583,8 +583,8 @@ class DisturbedSteps:
     def _steps_side_by_side(
         self, x: Float[np.ndarray, "r m"], h: float, impulses: Float[np.ndarray, "r n k b"], count: int
     ) -> tuple[Float[np.ndarray, "r n m"], Float[np.ndarray, " r"]]:
-        """Points of each path after every k steps of ``count`` substeps, and the largest error of a step, by vector instructions."""
-        intervals, each = impulses.shape[1:3]
+        """Points of each path after every k steps of ``count`` substeps, and the largest error of a step."""
+        intervals = impulses.shape[1]
         made, worst = np.empty((len(x), intervals, x.shape[1])), np.zeros(len(x))
         steps = np.ascontiguousarray(np.moveaxis(impulses, 0, 2))
         whole, substep, numbers = np.array([[h]]), np.array([[h / count]]), substep_numbers(count)[:, 1:]
@@ -599,7 +599,8 @@ class DisturbedSteps:
     def _scan(self) -> VectorisedScan:
         """One disturbed step of many points side by side.
 
-        Inputs: points, their impulses, of all of them h and the duration of a substep. Outputs: points after the step, and its error.
+        Inputs: points, their impulses, of all of them h and the duration of a substep. Outputs: points after the step, and its
+        error.
         """
         x, h, short = ca.SX.sym("x", self._layout.mean_dim), ca.SX.sym("h"), ca.SX.sym("short")
         impulse, numbers = ca.SX.sym("impulse", 2 * self.impulse_dim), ca.SX.sym("numbers", 1)

@@ -27,7 +27,7 @@ from spinfilters.core.vectorised import VectorisedScan
 from spinfilters.core.working_time import building, built_property
 from spinfilters.io.disturbances import DISTURBANCES, WHITE_FORCE, WHITE_TORQUE, noise_columns, noise_dim
 from spinfilters.models.state_blocks import ACCELERATION, DRAG, LINEAR_DRAG, MASS_DISTRIBUTION, ROTOR, TORQUE
-from spinfilters.models.state_layout import StateLayout, places_of_entries
+from spinfilters.models.state_layout import Places, StateLayout, entries_of
 
 
 class LinearisedStep(NamedTuple):
@@ -152,7 +152,7 @@ class RotationSubsteps:
         noise = ca.reshape(sums[-36:], 6, 6) + last
         after, transition, factor = self.assemble(x, dt, psd, sums[:-36], noise)
         error = rotation_difference(coarse, sums[:7]) / 15
-        made = [after, error, *(ca.vertcat(*matrix.nonzeros()) for matrix in (transition, factor))]
+        made = [after, error, entries_of(transition), entries_of(factor)]
         parameters = rotation_parameters(self._layout, values)
         scan = VectorisedScan(
             ca.Function(
@@ -168,9 +168,7 @@ class RotationSubsteps:
             for i in range(transition.shape[0])
             if not (transition[i, :].nnz() == 1 and transition[i, i].is_one() and factor[i, :].nnz() == 0)
         ]
-        return LinearisedScan(
-            scan, 1 + max(moved), places_of_entries(transition), places_of_entries(factor), factor.shape[1]
-        )
+        return LinearisedScan(scan, 1 + max(moved), Places.of(transition), Places.of(factor))
 
     def step_error(self) -> ca.Function:
         """(q, w) after coarse and fine substeps to the estimate of the latter's error."""
@@ -433,17 +431,14 @@ class LinearisedScan(NamedTuple):
         See `RotationSubsteps.linearised_scan`.
     moving : int
         Errors before the last ones that stay as they are and gather no noise.
-    transition, noise : tuple[ndarray, ndarray]
-        Rows and columns of the entries that it gives of transition and noise factor.
-    noise_dim : int
-        Columns of the noise factor.
+    transition, noise : Places
+        Of the entries that it gives of transition and noise factor.
     """
 
     scan: VectorisedScan
     moving: int
-    transition: tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]
-    noise: tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]
-    noise_dim: int
+    transition: Places
+    noise: Places
 
 
 class RotationIntegrator:
@@ -566,11 +561,29 @@ class RotationIntegrator:
             for count in np.unique(counts[left]).tolist():
                 at = np.flatnonzero(counts[left] == count)
                 rows = left[at]
-                _, error, found[rows], _ = self._lineariser(count)(x[rows], dt[rows, None], densities)
+                if len(rows) >= FEWEST_TOGETHER and self.linearised_scan.scan.is_c:
+                    error, found[rows] = self._transitions_together(x[rows], dt[rows, None], densities, count)
+                else:
+                    _, error, found[rows], _ = self._lineariser(count)(x[rows], dt[rows, None], densities)
                 good[at] = [self.good(worst, count) for worst in error]
             left = left[~good]
             counts[left] *= 2
         return found
+
+    def _transitions_together(
+        self,
+        x: Float[np.ndarray, "k m"],
+        dt: Float[np.ndarray, "k 1"],
+        densities: Float[np.ndarray, " p"],
+        count: int,
+    ) -> tuple[Float[np.ndarray, "k e"], Float[np.ndarray, "k n n"]]:
+        """Errors and transitions of steps of so many substeps, by vector instructions."""
+        linearised, n = self.linearised_scan, self._layout.error_dim
+        given = (x, dt, dt / count, densities[np.newaxis])
+        _, error, entries, _ = linearised.scan(*given, each=substep_numbers(count))
+        transition = np.zeros((len(x), n, n))
+        transition[:, *linearised.transition] = entries
+        return error, transition
 
     @property
     def noise_dim(self) -> int:

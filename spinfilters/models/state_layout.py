@@ -474,30 +474,47 @@ def _reset_expression(layout: StateLayout) -> tuple[ca.SX, ca.SX]:
 @building()
 def _reset_lanes(layout: StateLayout) -> "MatrixEntries":
     d, jacobian = _reset_expression(layout)
-    entries = ca.Function("reset_entries", [d], [ca.densify(ca.vertcat(*jacobian.nonzeros()))])
-    return MatrixEntries(Vectorised(entries), *places_of_entries(jacobian))
+    entries = ca.Function("reset_entries", [d], [entries_of(jacobian)])
+    return MatrixEntries(Vectorised(entries), Places.of(jacobian))
 
 
-class MatrixEntries(NamedTuple):
-    """A function whose output are those entries of a matrix that may not be zero.
+class Places(NamedTuple):
+    """Places of those entries of a matrix that may not be zero.
 
     Attributes
     ----------
-    entries : Vectorised
-        The function.
     row, column : ndarray of int, shape (k,)
-        Places of the entries.
+        Of each entry.
     """
 
-    entries: Vectorised
     row: Int[np.ndarray, " k"]
     column: Int[np.ndarray, " k"]
 
+    @classmethod
+    def of(cls, matrix: ca.SX) -> "Places":
+        """Those of a matrix's structural nonzeros, in their order."""
+        row, column = matrix.sparsity().get_triplet()
+        return cls(np.array(row, dtype=np.int64), np.array(column, dtype=np.int64))
 
-def places_of_entries(matrix: ca.SX) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Rows and columns of a matrix's structural nonzeros, in the order of `nonzeros`."""
-    row, column = matrix.sparsity().get_triplet()
-    return np.array(row, dtype=np.int64), np.array(column, dtype=np.int64)
+
+def entries_of(matrix: ca.SX) -> ca.SX:
+    """A matrix's structural nonzeros as a column, in the order of `Places.of`."""
+    return ca.densify(ca.vertcat(*matrix.nonzeros()))  # pyright: ignore[reportCallIssue, reportArgumentType]
+
+
+class MatrixEntries(NamedTuple):
+    """A function that gives those entries of a matrix that may not be zero.
+
+    Attributes
+    ----------
+    function : Vectorised
+        Of the entries.
+    places : Places
+        Of each.
+    """
+
+    function: Vectorised
+    places: Places
 
 
 def _slices(blocks: tuple[str, ...], sizes: list[int]) -> dict[str, slice]:
