@@ -543,8 +543,9 @@ class DisturbedSteps:
         """Of each motion the point x and those after every k steps of h > 0 seconds; see `run`."""
         runs, intervals, each = impulses.shape[:3]
         filled = -(-intervals // INTERVALS_PER_CALL) * INTERVALS_PER_CALL
-        flat = np.zeros((runs, filled, each, impulses.shape[3] * impulses.shape[4]))
-        flat[:, :intervals] = impulses.reshape(runs, intervals, each, -1)
+        flat = impulses.reshape(runs, intervals, each, -1)
+        if filled > intervals:
+            flat = np.concatenate([flat, np.zeros((runs, filled - intervals, *flat.shape[2:]))], axis=1)
         points, q = [x[:, np.newaxis]], self._layout.mean_slice(ATTITUDE.name)
         for begin in range(0, filled, INTERVALS_PER_CALL):
             part = self._path_parts(points[-1][:, -1], h, flat[:, begin : begin + INTERVALS_PER_CALL])
@@ -557,7 +558,6 @@ class DisturbedSteps:
     ) -> Float[np.ndarray, "r n m"]:
         """A part of each path, with the substeps that it needs by itself."""
         intervals, each = impulses.shape[1:3]
-        columns = np.swapaxes(impulses.reshape(len(x), intervals * each, -1), 1, 2)
         made = np.empty((len(x), intervals, x.shape[1]))
         counts = np.array([self._integrator.first_count(point, h) for point in x])
         left = np.arange(len(x))
@@ -569,7 +569,8 @@ class DisturbedSteps:
                     made[rows], error = self._steps_side_by_side(x[rows], h, impulses[rows], count)
                 else:
                     steps = self._compiled_steps(count, intervals * each, each)
-                    after, error = steps(x[rows], h, columns[rows])
+                    columns = np.swapaxes(impulses[rows].reshape(len(rows), intervals * each, -1), 1, 2)
+                    after, error = steps(x[rows], h, columns)
                     made[rows] = np.swapaxes(after, 1, 2)
                 coarse += [
                     row
@@ -584,16 +585,22 @@ class DisturbedSteps:
         self, x: Float[np.ndarray, "r m"], h: float, impulses: Float[np.ndarray, "r n k b"], count: int
     ) -> tuple[Float[np.ndarray, "r n m"], Float[np.ndarray, " r"]]:
         """Points of each path after every k steps of ``count`` substeps, and the largest error of a step."""
-        intervals = impulses.shape[1]
-        made, worst = np.empty((len(x), intervals, x.shape[1])), np.zeros(len(x))
-        steps = np.ascontiguousarray(np.moveaxis(impulses, 0, 2))
-        whole, substep, numbers = np.array([[h]]), np.array([[h / count]]), substep_numbers(count)[:, 1:]
-        for k in range(intervals):
-            for impulse in steps[k]:
-                x, error = self._scan(x, impulse, whole, substep, each=numbers)
-                np.maximum(worst, error[:, 0], out=worst)
-            made[:, k] = x
-        return made, worst
+        made = np.empty((len(x), impulses.shape[1], x.shape[1]))
+        at, worst, error = np.array(x), np.zeros((len(x), 1)), np.empty((len(x), 1))
+        impulse, steps = np.empty((len(x), impulses.shape[3])), np.moveaxis(impulses, 0, 2)
+        given, numbers = (
+            (at, impulse, np.array([[h]]), np.array([[h / count]])),
+            substep_numbers(count)[:, 1:],
+        )
+        step = self._scan.bound(given, (at, error), np.ascontiguousarray(numbers))
+        assert step is not None
+        for k, kicks in enumerate(steps):
+            for kick in kicks:
+                impulse[:] = kick
+                step()  # at is the next point
+                np.maximum(worst, error, out=worst)
+            made[:, k] = at
+        return made, worst[:, 0]
 
     @built_property
     def _scan(self) -> VectorisedScan:
