@@ -28,13 +28,20 @@ settings.load_profile("any machine")
 TESTS = Path(__file__).parent
 SHARED_DATA = TESTS.parents[1] / "shared" / "data"
 OF_RUNS = (
-    *("checkpoint", "estimator_table", "finished_run", "foreign_checkpoint", "gyro_bias", "interrupts"),
-    *("moving_inspector", "picture_process", "run_folder"),
+    *("attitudes_and_one_camera", "checkpoint", "distorted_lenses", "drag_law", "estimator_table"),
+    *("finished_run", "foreign_checkpoint", "gyro_bias", "interrupts", "moving_inspector"),
+    *("picture_process", "run_folder", "unstated_noise"),
+)
+OF_VERDICTS = (
+    *("camera_refit", "correlated_errors", "estimate_diagnostics", "flywheel_refit", "front_end_slips"),
+    *("hinge_refit", "inspector_alternatives", "jumps", "map_errors", "named_model_errors"),
+    *("noise_diagnostics", "slow_changes"),
 )
 FEW_SAMPLES = {
     *("api", "campaigns", "cli", "docs", "hostile", "io", "live", "plots"),
-    "evaluation/test_row_covariances.py",
+    *("evaluation/test_reference.py", "evaluation/test_row_covariances.py"),
     *(f"run/test_{name}.py" for name in OF_RUNS),
+    *(f"verdict/test_{name}.py" for name in OF_VERDICTS),
 }
 """Rooms and files whose tests judge no sampled mass distribution."""
 SHORT_ANIMATIONS = {"api", "cli", "docs", "live"}
