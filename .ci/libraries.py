@@ -14,6 +14,20 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 KINDS = ("stereo-tracks", "mono-tracks", "gyro", "attitude", "pose")
+BATCHED = ("attitude", "pose")  # kinds whose runs a campaign makes side by side
+STUDY = """[study]
+name = "libraries"
+description = "Runs side by side."
+seeds = 8
+initialisation = "drawn"
+bound = "none"
+[factors]
+estimator = ["mekf"]
+[motion.base]
+epochs = 20
+[sensor.base]
+kind = "{kind}"
+"""
 LANES = {"x86-64-v4": 8}  # numbers in a vector where not 4
 WRAPPER = """#!/bin/sh
 # notes flags and text, then compiles
@@ -65,7 +79,10 @@ def main() -> int:
 
 
 def note_texts(cache: Path, compiler: Path, lanes: int, kinds: list[str]) -> None:
-    """Run the estimators on a recording of each of the kinds, or of all and on the bundled example, compiling all anew."""
+    """Run the estimators on a recording of each of the kinds, or of all and on the bundled example, compiling all anew.
+
+    Runs that a campaign makes side by side have compiled code of their own.
+    """
     environment = {
         **os.environ,
         "CC": str(compiler),
@@ -80,6 +97,10 @@ def note_texts(cache: Path, compiler: Path, lanes: int, kinds: list[str]) -> Non
         for kind in kinds or KINDS:
             recording = f"{name}/{kind}"
             runs += [["simulate", "-o", recording, "--kind", kind], ["compare", recording, *quiet]]
+            if kind in BATCHED:
+                study = Path(f"{name}/{kind}.toml")
+                study.write_text(STUDY.format(kind=kind))
+                runs += [["campaign", str(study), "-o", f"{name}/{kind}-rows", "--batch"]]
         for run in runs:
             subprocess.run([*command, *run], env=environment, stdout=subprocess.DEVNULL, check=True)
 

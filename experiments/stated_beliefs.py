@@ -1,11 +1,13 @@
 """Filters and smoother that begin from a stated belief: NEES with its band over draws.
 
-    python -m experiments.stated_beliefs [--draws 100] [--first 0] [--sensors pose,gyro] [--frames 60] [--pixel-std 1] [-o FILE]
+    python -m experiments.stated_beliefs [--draws 100] [--first 0] [--sensors pose,gyro] [--estimators mekf,ukf]
+        [--frames 60] [--pixel-std 1] [-o FILE]
 
 Every draw has a recording and a belief of its own, whose error is drawn about the truth with the stated deviations
 (``initialisation.from_truth``). The noise is stated. The table has the mean NEES per degree of freedom at the second and the last
 epoch, with the band that holds 99 % of such means of consistent estimates; of a gyro it is that of rate and moments. Tracks have no
-map (``--sensors stereo-tracks``): filters alone, and an exact first pose. ``-o`` keeps a line of JSON for each estimate.
+map (``--sensors stereo-tracks``): filters alone, and an exact first pose. ``ekf-joint`` there shows what a textbook filter states.
+``-o`` keeps a line of JSON for each estimate.
 """
 
 import argparse
@@ -39,16 +41,18 @@ COVERAGE: Final = 0.99
 """Of the band of a mean."""
 
 
-def rows_of(seed: int, sensor: str, frames: int, pixel_std: float) -> Iterator[dict[str, Any]]:
+def rows_of(
+    seed: int, sensor: str, estimators: Sequence[str], frames: int, pixel_std: float
+) -> Iterator[dict[str, Any]]:
     """A row for each estimator of one draw."""
     scenario = Scenario(kind=sensor, seed=seed, epochs=frames, rate_rpm=RATE_RPM, pixel_std=pixel_std)
     dataset = without_map(simulate(scenario))
-    std, estimators = dict(STD), ESTIMATORS
+    std = dict(STD)
     if maps_landmarks(dataset):  # the first pose defines g, and smoothers begin otherwise
         std = {name: value for name, value in STD.items() if name not in POSE_WORDS}
-        estimators = ("mekf", "ukf")
+        estimators = tuple(name for name in estimators if name != "smoother")
     belief = InitialisationOptions(from_truth=True, draw=seed, std=std)
-    settings = Settings(estimators=estimators, verdict="filter", initialisation=belief)
+    settings = Settings(estimators=tuple(estimators), verdict="filter", initialisation=belief)
     for evaluation in compare_dataset(dataset, settings).evaluations:
         nees = evaluation.rotation_nees if evaluation.nees is None else evaluation.nees
         if nees is None:
@@ -60,7 +64,7 @@ def rows_of(seed: int, sensor: str, frames: int, pixel_std: float) -> Iterator[d
 def lines_of(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Lines of the report."""
     for sensor in dict.fromkeys(row["sensor"] for row in rows):
-        for name in ESTIMATORS:
+        for name in dict.fromkeys(row["estimator"] for row in rows):
             own = [row for row in rows if row["sensor"] == sensor and row["estimator"] == name]
             if not own:
                 continue
@@ -79,6 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--sensors", default="pose,gyro")
+    parser.add_argument("--estimators", default=",".join(ESTIMATORS))
     parser.add_argument("--frames", type=int, default=60, help="epochs of a recording")
     parser.add_argument("--pixel-std", type=float, default=1.0, help="of tracks, px")
     parser.add_argument("-o", "--output", type=Path, default=None)
@@ -87,7 +92,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows: list[dict[str, Any]] = []
     for sensor in options.sensors.split(","):
         rows += rows_of_seeds(
-            lambda seed, of=sensor: rows_of(seed, of, options.frames, options.pixel_std),
+            lambda seed, of=sensor: rows_of(
+                seed, of, options.estimators.split(","), options.frames, options.pixel_std
+            ),
             seeds,
             options.output,
         )

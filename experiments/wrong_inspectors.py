@@ -4,9 +4,9 @@ Run: python -m experiments.wrong_inspectors [--cases late,clean] [--inspectors s
 
 Of every case: how many estimates are ``ok``, how many of these have an error of a published quantity beyond 4 stated
 deviations, the largest such error, the mean NEES per degree of freedom (the whole covariance), and in how many recordings that
-are not ``ok`` the inspector is among the first two causes, or its poses are said to be sparse. Motion, noise and tracks are those
-of the bundled example, with fewer landmarks (``--landmarks``). Of wrong poses nothing is stated: the deviations of the
-calibration are the defaults.
+are not ``ok`` the inspector is among the first two causes, or a reason says that its poses are sparse, or that the camera moved.
+Motion, noise and tracks are those of the bundled example, with fewer landmarks (``--landmarks``). Of wrong poses nothing is stated:
+the deviations of the calibration are the defaults.
 """
 
 import argparse
@@ -34,6 +34,8 @@ CASES: Final[dict[str, tuple[float, ...]]] = {
     "missing": (1.0,),
 }
 """Errors of `spinfilters.simulation.inspector` with their sizes."""
+TOLD: Final = ("poses are too sparse", "the camera may have moved")
+"""Words of reasons that name the inspector where the motion is too far off for a test of causes."""
 INSPECTOR: Final = "inspector"
 """Beginning of the names of errors of an inspector."""
 
@@ -45,7 +47,7 @@ class InspectorOutcome:
     Attributes
     ----------
     is_ok: its verdict.   error: largest, in stated deviations, and of what.   nees: mean, per degree of freedom.
-    is_named: whether the inspector is among the first two causes, or told to be sparse.
+    is_named: whether the inspector is among the first two causes, or its poses are told to be sparse or missing.
     """
 
     is_ok: bool
@@ -63,13 +65,13 @@ def outcomes(scenario: Scenario, estimators: tuple[str, ...]) -> list[InspectorO
         assert dataset.truth is not None
         errors, status = stated_errors(each), each.history.status
         named = any(INSPECTOR in name for name in compared.models.names[:2])
-        sparse = any("poses are too sparse" in reason for reason in status.reasons)
+        told = [words for words in TOLD if any(words in reason for reason in status.reasons)]
         nees = np.nan if each.nees is None else each.nees.mean
         worst = max((size, name) for name, size in errors.items())
-        found.append(InspectorOutcome(status.verdict == "ok", worst, nees, named or sparse))
+        found.append(InspectorOutcome(status.verdict == "ok", worst, nees, named or bool(told)))
         print(
             f"  {scenario.inspector} {scenario.inspector_errors} seed {scenario.seed} {each.name}: {status.verdict}, "
-            f"NEES {nees:.2f}, {worst[1]} {worst[0]:.1f}, {compared.models.names}{' sparse' if sparse else ''}",
+            f"NEES {nees:.2f}, {worst[1]} {worst[0]:.1f}, {compared.models.names}{told or ''}",
             flush=True,
         )
     return found

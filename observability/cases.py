@@ -1,6 +1,6 @@
 """Case of the analyser: sensors, motion and known inputs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Final
@@ -13,7 +13,14 @@ from observability.canonical_motions import CANONICAL_MOTIONS as MOTIONS
 from observability.canonical_motions import CanonicalMotion, landmarks, point_of, principal_axes
 from observability.certificate import STEADY_ORDERS, Certificate, certify
 from observability.coordinates import MOMENTS, RATIOS, Chart, FilterChart, PrincipalChart, TensorChart
-from observability.cramer_rao import LANDMARK_STD, PRIOR_STD, Bound, Deviations, cramer_rao_bound
+from observability.cramer_rao import (
+    LANDMARK_STD,
+    PRIOR_STD,
+    Bound,
+    Deviations,
+    cramer_rao_bound,
+    later_covariances,
+)
 from observability.exact_numbers import Rationals, as_floats, rationals
 from observability.explanation import tangent_symmetries
 from observability.reference_trajectory import (
@@ -280,13 +287,23 @@ class Case:
 
     def bound(self, reference: ReferenceTrajectory) -> Bound:
         """Cramer-Rao bound of the sensors, which see everything in every frame."""
+        schedules = self._schedules(reference)
+        return cramer_rao_bound(reference, schedules, self.prior_std, self.levels.landmark_std, self.defined)
+
+    def later_covariances(
+        self, reference: ReferenceTrajectory, frames: Sequence[int], prior: Float[np.ndarray, " n"]
+    ) -> Iterator[tuple[Float[np.ndarray, "e e"], Float[np.ndarray, "e e"]]]:
+        """The same at some frames of a long flight (`observability.cramer_rao.later_covariances`)."""
+        return later_covariances(reference, self._schedules(reference), frames, prior, self.defined)
+
+    def _schedules(self, reference: ReferenceTrajectory) -> list[SensorSchedule]:
         schedules = []
         for sensor in self._sensors:
             items = np.stack([as_floats(item) for item in sensor.parameters])
             model = model_over(type(sensor.model), reference.process.layout)
             seen = np.ones((len(reference.time), len(items)), dtype=bool)
             schedules.append(SensorSchedule(model, items, sensor.unknown, seen))
-        return cramer_rao_bound(reference, schedules, self.prior_std, self.levels.landmark_std, self.defined)
+        return schedules
 
     @property
     def prior_std(self) -> Deviations:

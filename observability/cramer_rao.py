@@ -1,6 +1,6 @@
 """Cramer-Rao bound of the state over time, and of the quantities that one reads from it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -125,12 +125,55 @@ def cramer_rao_bound(
     InputError, ShapeError
         For no sensors, sensors over other frames, or priors that are missing or not positive.
     """
-    starts, total = _columns(reference, schedules)
+    total = _columns(reference, schedules)[1]
     layout, constants = reference.process.layout, reference.constants
     prior = prior_deviations(layout, total, prior_std, landmark_std, constants)
-    wide = prior * _widening(layout, total, defined)
-    roots = [np.diag(1 / prior), np.diag(1 / wide)]
     n, deviations, covariances = layout.error_dim + constants, [], []
+    for roots in _information_roots(reference, schedules, prior, defined):
+        inverses = _inverses(roots)
+        deviations.append(np.sqrt(np.einsum("ij,ij->i", inverses[0], inverses[0])))
+        covariances.append([inverse[:n] @ inverse[:n].T for inverse in inverses])
+    narrow, widened = np.stack(covariances, axis=1)
+    return Bound(layout, prior, np.stack(deviations), narrow, widened)
+
+
+def later_covariances(
+    reference: ReferenceTrajectory,
+    schedules: Sequence[SensorSchedule],
+    frames: Sequence[int],
+    prior: Float[np.ndarray, " n"],
+    defined: Sequence[int] | None = None,
+) -> Iterator[tuple[Float[np.ndarray, "e e"], Float[np.ndarray, "e e"]]]:
+    """Covariances of the bound and of the widened one at some frames of a long flight, one after the other.
+
+    Those of the frames between are not computed, nor any after the last one that is asked for.
+
+    Parameters
+    ----------
+    frames : Sequence[int]
+        Ascending.
+    prior : ndarray of shape (n,)
+        Standard deviations of all unknowns in the first frame, as in a `Bound`.
+    defined : Sequence[int] or None
+        As of `cramer_rao_bound`.
+    """
+    n, asked = reference.process.layout.error_dim + reference.constants, set(frames)
+    for frame, roots in enumerate(_information_roots(reference, schedules, prior, defined)):
+        if frame in asked:
+            narrow, widened = (inverse[:n] @ inverse[:n].T for inverse in _inverses(roots))
+            yield narrow, widened
+
+
+def _information_roots(
+    reference: ReferenceTrajectory,
+    schedules: Sequence[SensorSchedule],
+    prior: Float[np.ndarray, " n"],
+    defined: Sequence[int] | None,
+) -> Iterator[list[Float[np.ndarray, "n n"]]]:
+    """Roots of the information in every frame, with the prior and with the widened one."""
+    starts, total = _columns(reference, schedules)
+    wide = prior * _widening(reference.process.layout, total, defined)
+    roots = [np.diag(1 / prior), np.diag(1 / wide)]
     for frame, x in enumerate(reference.states):
         if frame:
             step = reference.linearise(frame)
@@ -140,11 +183,11 @@ def cramer_rao_bound(
             for schedule, start in zip(schedules, starts, strict=True)
         ]
         roots = [_triangular(np.concatenate([root, *rows]), total) for root in roots]
-        inverses = [solve_triangular(root, np.eye(total), check_finite=False) for root in roots]
-        deviations.append(np.sqrt(np.einsum("ij,ij->i", inverses[0], inverses[0])))
-        covariances.append([inverse[:n] @ inverse[:n].T for inverse in inverses])
-    narrow, widened = np.stack(covariances, axis=1)
-    return Bound(layout, prior, np.stack(deviations), narrow, widened)
+        yield roots
+
+
+def _inverses(roots: Sequence[Float[np.ndarray, "n n"]]) -> list[Float[np.ndarray, "n n"]]:
+    return [solve_triangular(root, np.eye(len(root)), check_finite=False) for root in roots]
 
 
 def observability_gramian(

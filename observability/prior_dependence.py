@@ -1,6 +1,6 @@
 """Dependence of a bound on its prior: what the measurements determine by themselves."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -95,11 +95,12 @@ def quantity_bounds(
     Where a quantity is determined in principle only, a longer flight is tried if ``longer``.
     """
     counts = undetermined_directions(case)
-    found = _taken_apart(bound, reference, len(reference.time) - 1, counts)
+    last = len(reference.time) - 1
+    found = _taken_apart(bound.covariances[last], bound.widened[last], reference, last, counts)
     waiting = [name for name, each in found.items() if each.in_principle_only]
     if not waiting or not longer:
         return found
-    factors = _times_longer(case, reference, bound, counts)
+    factors = _times_longer(case, reference, bound, counts, waiting)
     return {name: _with_factor(each, name, *factors) for name, each in found.items()}
 
 
@@ -123,13 +124,17 @@ def undetermined_directions(case: Case) -> dict[Quantity, int]:
 
 
 def _taken_apart(
-    bound: Bound, reference: ReferenceTrajectory, frame: int, counts: Mapping[Quantity, int]
+    covariance: Float[np.ndarray, "e e"],
+    widened: Float[np.ndarray, "e e"],
+    reference: ReferenceTrajectory,
+    frame: int,
+    counts: Mapping[Quantity, int],
 ) -> dict[Quantity, QuantityBound]:
-    jacobian = quantity_jacobian(bound.layout, reference, frame)
-    parts = (bound.covariances[frame], bound.widened[frame])
+    """Bounds of every quantity in a frame, from the state's covariance there and from that of widened priors."""
+    jacobian = quantity_jacobian(reference.process.layout, reference, frame)
     found = {}
     for name, rows in jacobian.items():
-        narrow, wide = (rows @ part @ rows.T for part in parts)
+        narrow, wide = (rows @ part @ rows.T for part in (covariance, widened))
         found[name] = _quantity_bound(narrow, wide, counts[name])
     return found
 
@@ -177,11 +182,15 @@ def _deviation(covariance: Float[np.ndarray, "k k"], rows: Float[np.ndarray, "n 
 
 
 def _times_longer(
-    case: Case, reference: ReferenceTrajectory, bound: Bound, counts: Mapping[Quantity, int]
+    case: Case,
+    reference: ReferenceTrajectory,
+    bound: Bound,
+    counts: Mapping[Quantity, int],
+    waiting: Sequence[Quantity],
 ) -> tuple[dict[Quantity, float], float]:
     """The factor of the length that leaves a quantity to data.
 
-    The first of the factors 2, 4, ..., and the largest that was tried.
+    The first of the factors 2, 4, ..., and the largest that may be tried: none after every quantity that waits has its own.
     """
     frames, interval = len(reference.time), float(reference.time[-1] / max(1, len(reference.time) - 1))
     most = int(min(LONGEST_FACTOR * frames, MOST_EPOCHS, MOST_WORK / len(bound.prior_std) ** 2))
@@ -190,12 +199,17 @@ def _times_longer(
     if not factors or frames < 2:
         return found, 1.0
     long = case.reference(factors[-1] * frames, interval)
-    limits = case.bound(long)
-    for factor in factors:
-        later = _taken_apart(limits, long, factor * frames - 1, counts)
-        for name, each in later.items():
+    ends = [factor * frames - 1 for factor in factors]
+    for factor, end, parts in zip(
+        factors, ends, case.later_covariances(long, ends, bound.prior_std), strict=False
+    ):
+        later = _taken_apart(*parts, long, end, counts)
+        for name in waiting:
+            each = later[name]
             if not each.in_principle_only and each.remains <= HALVED:
                 found.setdefault(name, float(factor))
+        if len(found) == len(waiting):
+            break
     return found, float(factors[-1])
 
 

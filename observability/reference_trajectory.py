@@ -1,6 +1,6 @@
 """Trajectory about which a bound linearises, with known torques and known motion of the inspector."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -138,24 +138,34 @@ class DrivenMotion:
 
     def step(self, x: Float[np.ndarray, " m"], start: float, dt: float) -> Float[np.ndarray, " m"]:
         """The point ``dt`` s after ``start``, s."""
-        return self.linearise(x, start, dt).after
+        for after, _ in self._substeps(x, start, dt):
+            x = after
+        return x
 
     def linearise(self, x: Float[np.ndarray, " m"], start: float, dt: float) -> LinearisedStep:
         """The linearised step with the inertia's scale.
 
         Its transition is by the error of x and, after it, the logarithm of that scale.
         """
-        n, count = self._process.layout.error_dim, self._count(x, dt)
+        n = self._process.layout.error_dim
         transition, factor = np.eye(n, n + self.constants), self._process.linearise(x, dt).noise_factor
+        for after, rows in self._substeps(x, start, dt):
+            x, jacobian = after, rows.reshape(n, n + 1)
+            transition = jacobian[:, :n] @ transition
+            transition[:, n:] += jacobian[:, n : n + self.constants]
+        return LinearisedStep(x, transition, factor)
+
+    def _substeps(
+        self, x: Float[np.ndarray, " m"], start: float, dt: float
+    ) -> Iterator[tuple[Float[np.ndarray, " m"], Float[np.ndarray, " k"]]]:
+        """The point after each substep, with the derivatives of its error by that before and by the logarithm of the scale."""
+        count = self._count(x, dt)
         h = dt / count
         for k in range(count):
             time = start + k * h
             acting = [self._acting_torque_and_force(time + share * h) for share in (0.0, 0.5, 1.0)]
             x, rows = self._substep(x, *acting, h)
-            rows = rows.reshape(n, n + 1)
-            transition = rows[:, :n] @ transition
-            transition[:, n:] += rows[:, n : n + self.constants]
-        return LinearisedStep(x, transition, factor)
+            yield x, rows
 
     def _count(self, x: Float[np.ndarray, " m"], dt: float) -> int:
         turn = float(np.linalg.norm(x[self._process.layout.mean_slice("w")])) * dt

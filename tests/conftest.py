@@ -7,6 +7,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
@@ -26,23 +27,29 @@ settings.load_profile("any machine")
 
 TESTS = Path(__file__).parent
 SHARED_DATA = TESTS.parents[1] / "shared" / "data"
-OF_FILES = (
-    "checkpoint",
-    "estimator_table",
-    "finished_run",
-    "foreign_checkpoint",
-    "interrupts",
-    "picture_process",
-    "run_folder",
+OF_RUNS = (
+    *("attitudes_and_one_camera", "checkpoint", "distorted_lenses", "drag_law", "estimator_table"),
+    *("finished_run", "foreign_checkpoint", "gyro_bias", "interrupts", "moving_inspector"),
+    *("picture_process", "run_folder", "unstated_noise"),
 )
-FEW_SAMPLES = {"api", "campaigns", "cli", "docs", "hostile", "io", "live", "plots"} | {
-    f"run/test_{name}.py" for name in OF_FILES
+OF_VERDICTS = (
+    *("camera_refit", "correlated_errors", "estimate_diagnostics", "flywheel_refit", "front_end_slips"),
+    *("hinge_refit", "inspector_alternatives", "jumps", "map_errors", "named_model_errors"),
+    *("noise_diagnostics", "slow_changes"),
+)
+FEW_SAMPLES = {
+    *("api", "campaigns", "cli", "docs", "hostile", "io", "live", "plots"),
+    *("evaluation/test_reference.py", "evaluation/test_row_covariances.py"),
+    *(f"run/test_{name}.py" for name in OF_RUNS),
+    *(f"verdict/test_{name}.py" for name in OF_VERDICTS),
 }
 """Rooms and files whose tests judge no sampled mass distribution."""
 SHORT_ANIMATIONS = {"api", "cli", "docs", "live"}
 """Rooms that ask whether an animation is there; what its frames show is asked where figures are."""
 OF_PROCESSES = {"campaigns/test_dask_cluster.py"}
 """Files that compare numbers with those of other processes, which sample in full."""
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+COLLECTS_BACKWARDS = bool(WORKER) and int(WORKER.removeprefix("gw")) % 2 == 1
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -52,6 +59,22 @@ def pytest_configure(config: pytest.Config) -> None:
         config.add_cleanup(folder.cleanup)
         os.environ["PYTHONPYCACHEPREFIX"] = folder.name
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[None]:
+    """Every other worker collects from the last file to the first: each compiles half of them, and reads the others' byte code."""
+    report = yield
+    if COLLECTS_BACKWARDS and isinstance(collector, pytest.Session | pytest.Directory):
+        report.result.reverse()
+    return report
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """All workers agree on the order, whatever they collected first."""
+    if WORKER:
+        items.sort(key=lambda item: item.path.parts)
 
 
 def pytest_collection_finish() -> None:
@@ -72,10 +95,12 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 @contextmanager
 def few_samples() -> Iterator[None]:
-    """Sample the mass distribution in the same way, with a ridge of few nodes and few samples."""
-    from spinfilters.smoother import mass_posterior
+    """Sample the mass distribution and whole posteriors in the same way, with a ridge of few nodes and few samples."""
+    from spinfilters.smoother import mass_posterior, posterior
 
+    fewest = posterior.SamplingOptions(samples=24, walkers=12, steps=2, settling=0)
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(posterior, "sample_posterior", partial(posterior.sample_posterior, options=fewest))
         for name, number in (("SAMPLES", 16), ("TRIED", 8), ("MOST_NODES", 1)):
             patch.setattr(mass_posterior, name, number)
         yield
@@ -102,13 +127,6 @@ def ctrl_c_interrupts() -> None:
 def unrendered() -> Iterator[None]:
     """Pictures are composed and not rendered."""
     with unrendered_pictures():
-        yield
-
-
-@pytest.fixture
-def few_mass_samples() -> Iterator[None]:
-    """Few samples of a mass distribution, in a test that looks at means and covariances of estimates alone."""
-    with few_samples():
         yield
 
 

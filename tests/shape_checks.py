@@ -80,65 +80,59 @@ class _WithFactory:
     made: list[int] = field(default_factory=list)
 
 
-_ABSENT = object()
-"""Stands for an argument that a call leaves to its default."""
-
-
 def checked(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function, with the shapes of its arguments and of its result checked after it has returned."""
     hints = {name: hint for name, hint in function.__annotations__.items() if _states_a_shape(hint)}
     if not hints:
         return function
-    parameters = signature(function)
-    places = [
-        (sys.maxsize if parameter.kind is Parameter.KEYWORD_ONLY else place, name)
-        for place, (name, parameter) in enumerate(parameters.parameters.items())
-        if name in hints
-    ]
+    parameters = signature(function).parameters
     correct: set[Any] = set()
 
-    def check_unseen(form: Any, result: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-        bound = parameters.bind(*args, **kwargs)
-        bound.apply_defaults()
-        _check(function, hints, bound.arguments | {"return": result})
+    def check_unseen(form: Any, *values: Any) -> None:
+        _check(function, hints, dict(zip(looked_at, values, strict=True)))
         correct.add(form)
 
-    names: dict[str, Any] = {"function": function, "correct": correct, "check_unseen": check_unseen}
-    names |= {"absent": _ABSENT, "form_of": _form, "array": np.ndarray}
-    exec(_wrapper_code(tuple(places), "return" in hints), names)
+    looked_at = (*(name for name in parameters if name in hints), *["return"][: "return" in hints])
+    names: dict[str, Any] = {"_function": function, "_correct": correct, "_check_unseen": check_unseen}
+    names |= {"_form_of": _form, "_array": np.ndarray}
+    names |= {f"_default_{each.name}": each.default for each in parameters.values()}
+    kinds = tuple((each.name, each.kind, each.default is not each.empty) for each in parameters.values())
+    exec(_wrapper_code(kinds, looked_at), names)
     return wraps(function)(names["wrapper"])
 
 
 @cache
-def _wrapper_code(places: tuple[tuple[int, str], ...], has_result: bool) -> CodeType:
-    """Code of a wrapper that looks at exactly what is checked.
+def _wrapper_code(parameters: tuple[tuple[str, Any, bool], ...], looked_at: tuple[str, ...]) -> CodeType:
+    """Code of a wrapper with the parameters of what it calls, by name, kind and whether they have a default.
 
-    Calls of the package pass through it hundreds of thousands of times a minute: a loop over the arguments would take a
-    quarter of a run's time.
+    Calls of the package pass through it hundreds of thousands of times a minute: arguments that are packed and unpacked, or a loop
+    over them, would take a quarter of a run's time.
     """
-    values = [f"v{k}" for k in range(len(places))]
-    count = 1 + max((place for place, _ in places), default=-1)
-    given = [f"{v} = args[{at}]" for v, (at, _) in zip(values, places, strict=True)]
-    found = [
-        f"{v} = args[{at}] if {at} < len(args) else kwargs.get({name!r}, absent)"
-        for v, (at, name) in zip(values, places, strict=True)
-    ]
+    taken, given, last = list[str](), list[str](), None
+    for name, kind, has_default in parameters:
+        if last is Parameter.POSITIONAL_ONLY and kind is not last:
+            taken.append("/")
+        if kind is Parameter.KEYWORD_ONLY and last not in (kind, Parameter.VAR_POSITIONAL):
+            taken.append("*")
+        stars = {Parameter.VAR_POSITIONAL: "*", Parameter.VAR_KEYWORD: "**"}.get(kind, "")
+        taken.append(f"{stars}{name}" + (f"=_default_{name}" if has_default else ""))
+        given.append(f"{name}={name}" if kind is Parameter.KEYWORD_ONLY else f"{stars}{name}")
+        last = kind
+    if last is Parameter.POSITIONAL_ONLY:
+        taken.append("/")
+    values = [name if name != "return" else "_result" for name in looked_at]
     forms = [
-        f"({v}.dtype.num, {v}.shape) if type({v}) is array else None if {v} is None else form_of({v})"
-        for v in (*values, *["result"] * has_result)
+        f"({v}.dtype.num, {v}.shape) if type({v}) is _array else None if {v} is None else _form_of({v})"
+        for v in values
     ]
     lines = "\n    ".join(
         [
-            "def wrapper(*args, **kwargs):",
-            "result = function(*args, **kwargs)",
-            f"if len(args) < {count}:",
-            *(f"    {line}" for line in (*found, "pass")),
-            "else:",
-            *(f"    {line}" for line in (*given, "pass")),
-            f"form = ({', '.join(forms)},)",
-            "if form not in correct:",
-            "    check_unseen(form, result, args, kwargs)",
-            "return result",
+            f"def wrapper({', '.join(taken)}):",
+            f"_result = _function({', '.join(given)})",
+            f"_form = ({', '.join(forms)},)",
+            "if _form not in _correct:",
+            f"    _check_unseen(_form, {', '.join(values)})",
+            "return _result",
         ]
     )
     return compile(lines, "<checked call>", "exec")

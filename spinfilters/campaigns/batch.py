@@ -1,7 +1,7 @@
 """Runs of one filter in batches: many seeds of a cell are simulated, filtered and evaluated as arrays.
 
-Beliefs and counts are those of runs made one by one, to the bit; errors and NEES to rounding. A batch gives no verdict: rows are
-``degraded`` at best, with the reason that no verdict was asked for.
+Counts are those of runs made one by one; beliefs, errors and NEES too, to rounding. A batch gives no verdict: rows are ``degraded``
+at best, with the reason that no verdict was asked for.
 """
 
 import json
@@ -29,6 +29,7 @@ from spinfilters.evaluation.metrics import metrics
 from spinfilters.evaluation.trajectory_errors import body_errors, truth_errors
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, RunsTaken, SensorTimeline
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
+from spinfilters.filters.normalised_squares import normalised_squares
 from spinfilters.filters.timeline import MOST_TOGETHER, rehearse, sensors_of, times_of
 from spinfilters.inference.estimator_entry import begin_with_first_epoch
 from spinfilters.inference.setup import Setup
@@ -211,13 +212,20 @@ def _evaluations(
     layout, times, count = setup.process.layout, times_of(setup.timeline), len(setup.timeline)
     observations = setup.observations
     before = {"mean": first[whole, np.newaxis], "factor": _tile_factor(setup, first[whole])[:, np.newaxis]}
-    arrays = {name: _rows_after_first(before.get(name), values[whole]) for name, values in taken.rows.items()}
+    every_run = len(whole) == len(first)  # as a rule: no array is copied
+    arrays = {
+        name: _rows_after_first(before.get(name), values if every_run else values[whole])
+        for name, values in taken.rows.items()
+    }
     each = np.r_[0.0, np.full(count - 1, seconds / (len(first) * (count - 1)))]
     arrays |= {"runtime": np.tile(each, (len(whole), 1))}
     arrays |= {"time": times + simulated.period * whole[:, np.newaxis]}
     every = _history(name, setup, {key: array.reshape(-1, *array.shape[2:]) for key, array in arrays.items()})
     truth = simulated.truth
-    errors, nees = truth_errors(trajectory_of(every), truth), normalised_errors(every, truth)
+    errors, nees = (
+        truth_errors(trajectory_of(every), truth),
+        normalised_errors(every, truth, normalised_squares),
+    )
     last = slice(simulated.epochs - 1, None, simulated.epochs)
     true = true_states(truth.chosen(last), layout)[whole]
     last_errors = layout.local(arrays["mean"][:, -1], true)

@@ -7,7 +7,7 @@ import pyarrow as pa
 
 from spinfilters.evaluation.epoch_spans import EpochSpan, own_span, shared_span
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.metrics import Metric, metrics
+from spinfilters.evaluation.metrics import Metric, metrics, values_by_column
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.sensor_format import noise_options
@@ -86,7 +86,7 @@ def result_columns(
         "verdict_reasons": "; ".join(status.reasons),
         "verdict_checks": " ".join(each.check for each in status.findings),
         **{f"holds_{name}": str(state) for name, state in status.holds.items()},
-        **{metric.column_name: metric.of(own) for metric in chosen if metric.column_name},
+        **values_by_column(chosen, own),
     }
     if own.nees is not None:
         every = -(-len(own.nees.time) // MOST_EPOCHS)

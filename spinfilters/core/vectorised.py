@@ -434,6 +434,26 @@ class VectorisedScan(_GeneratedLoop):
         same = (None,) * len(arguments)
         return _run(self._library, arguments, same, [(count, made) for made in self._made], each)
 
+    def bound(
+        self, arguments: Sequence[np.ndarray], results: Sequence[np.ndarray], each: np.ndarray
+    ) -> Callable[[], None] | None:
+        """A call of the compiled scan on these very arrays, for thousands of short calls; None without compiled code.
+
+        Parameters
+        ----------
+        arguments, results : Sequence[np.ndarray]
+            Contiguous arrays of float, (k, width) each, or (1, width) of an argument that all items share. A result may be an
+            argument: an item's results are written after its arguments have been read.
+        each : np.ndarray
+            As of a call.
+        """
+        if self._library is None:
+            return None
+        given = _call_arguments(arguments, (None,) * len(arguments), results, each)
+        kept = (arguments, results, each)  # as long as the call
+        run = self._library.spinfilters_lanes
+        return lambda _kept=kept: run(*given)
+
     def _interpreted(self, arguments: list[np.ndarray], each: np.ndarray) -> tuple[np.ndarray, ...]:
         begin, turn, end = self._plain
         x, *same = begin(*arguments)
@@ -458,19 +478,29 @@ def _run(
     arrays = [_plain(argument, _FLOAT) for argument in arguments]
     chosen = [None if row is None else _plain(row, _INTEGER) for row in rows]
     results = tuple([np.empty(shape) for shape in shapes])
-    count, turned = shapes[0][0], None if each is None else _plain(each, _FLOAT)
+    turned = None if each is None else _plain(each, _FLOAT)
+    library.spinfilters_lanes(*_call_arguments(arrays, chosen, results, turned))
+    return results
+
+
+def _call_arguments(
+    arrays: Sequence[np.ndarray],
+    rows: Sequence[np.ndarray | None],
+    results: Sequence[np.ndarray],
+    each: np.ndarray | None,
+) -> tuple[Any, ...]:
+    """Arguments of the generated function for plain arrays, which must be kept as long as they are used."""
     pointers, longs = ctypes.c_void_p * len(arrays), ctypes.c_longlong * len(arrays)
-    library.spinfilters_lanes(
-        ctypes.c_longlong(count),
+    return (
+        ctypes.c_longlong(len(results[0])),
         pointers(*[address(array) for array in arrays]),
         longs(
             *[0 if len(a) == 1 and row is None else a.shape[1] for a, row in zip(arrays, rows, strict=True)]
         ),
-        pointers(*[None if row is None else address(row) for row in chosen]),
+        pointers(*[None if row is None else address(row) for row in rows]),
         (ctypes.c_void_p * len(results))(*[address(result) for result in results]),
-        *(() if turned is None else (ctypes.c_longlong(len(turned)), ctypes.c_void_p(address(turned)))),
+        *(() if each is None else (ctypes.c_longlong(len(each)), ctypes.c_void_p(address(each)))),
     )
-    return results
 
 
 def _interpreted(

@@ -1,5 +1,6 @@
 """Consistency of covariances: normalised errors against chi-square bands, and the agreement of two estimates."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -128,7 +129,13 @@ def _fields(truth: Truth, rows: slice | Int[np.ndarray, " n"] = slice(None)) -> 
     }
 
 
-def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:
+Squares = Callable[[np.ndarray, np.ndarray, Sequence[slice]], np.ndarray]
+"""Of errors, factors of their covariances and some parts of them, the normalised squares, a column for each part."""
+
+
+def normalised_errors(
+    history: EstimateHistory, truth: Truth, squares_of: Squares | None = None
+) -> NormalisedErrors:
     """NEES of a history at its common stamps with a truth.
 
     Both are in the same frames i and g (`truth_in_first_frame`, if need be). Epochs whose mean or factor is not finite are
@@ -139,6 +146,11 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
 
     The tangent is taken at the estimate. Where the pose of g at the first epoch is exact by definition, the error and the NEES
     of blocks t and a vanish there, and the whole state has six degrees of freedom less in that one epoch.
+
+    Parameters
+    ----------
+    squares_of : Squares or None
+        How squares are computed, as `spinfilters.filters.normalised_squares.normalised_squares`; None: each part by NumPy.
 
     Raises
     ------
@@ -153,15 +165,22 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
         """Quantities of a stretch of epochs."""
         factor = history.factor[rows[part]]
         away = layout.local(history.mean[rows[part]], true_states(truth, layout, true_rows[part]))
-        blocks = {
-            b: normalised_square(away[:, layout.slice(b)], factor[:, layout.slice(b)]) for b in layout.blocks
-        }
-        total = normalised_square(away, factor) if moved is None else _least_square(away, factor, moved[part])
-        return {"total": total, **blocks}
+        parts = {b: layout.slice(b) for b in layout.blocks}
+        if moved is None:
+            parts["total"] = slice(0, layout.error_dim)
+        columns = (squares_of or _squares)(away, factor, list(parts.values())).T
+        found = dict(zip(parts, columns, strict=True))
+        return found if moved is None else found | {"total": _least_square(away, factor, moved[part])}
 
     squares = by_stretches(len(rows), derive, history.factor)
     dof = layout.error_dim - (0 if moved is None else moved.shape[2])
     return NormalisedErrors(history.time[rows], squares.pop("total"), dof, squares)
+
+
+def _squares(
+    error: Float[np.ndarray, "n k"], factor: Float[np.ndarray, "n k e"], parts: Sequence[slice]
+) -> Float[np.ndarray, "n parts"]:
+    return np.stack([normalised_square(error[:, part], factor[:, part]) for part in parts], axis=1)
 
 
 def _comparable_epochs(

@@ -6,7 +6,7 @@ campaign, and its mean over runs in the campaign's report.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from functools import cached_property
@@ -177,10 +177,22 @@ class Metric:
             ) from None
 
 
+def values_by_column(chosen: Sequence[Metric], span: EpochSpan) -> dict[str, Any]:
+    """Values of those metrics that have a column of rows, as `Metric.of`, by that column."""
+    with np.errstate(all="ignore"):
+        return {each.column_name: _plain(each.value, span) for each in chosen if each.column_name}
+
+
 def _computed(value: ValueOf, span: EpochSpan) -> Any:
+    with np.errstate(all="ignore"):
+        return _plain(value, span)
+
+
+def _plain(value: ValueOf, span: EpochSpan) -> Any:
+    """A value with arrays and numbers of NumPy as plain ones."""
     try:
-        with np.errstate(all="ignore"):
-            return np.asarray(value(span)).tolist()  # arrays and numbers of NumPy become plain ones
+        found = value(span)
+        return found if found is None else np.asarray(found).tolist()
     except (
         *NUMERICAL_ERRORS,
         InputError,

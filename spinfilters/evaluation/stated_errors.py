@@ -86,9 +86,9 @@ def _block_errors(evaluation: Evaluation) -> dict[str, float]:
             return {"state": np.inf}
         error = layout.local(history.mean[-1], true_states(true, layout)[0])
     std = np.linalg.norm(history.factor[-1], axis=1)
+    shares = _shares(error, std)
     named = [block for block in layout.blocks if block != MASS_DISTRIBUTION.name]
-    parts = {block: layout.slice(block) for block in named}
-    return {block: _largest(error[part], std[part]).item() for block, part in parts.items()}
+    return {block: shares[layout.slice(block)].max().item() for block in named}
 
 
 def _body_errors(evaluation: Evaluation) -> dict[str, float]:
@@ -109,6 +109,11 @@ def _body_errors(evaluation: Evaluation) -> dict[str, float]:
 
 
 def _largest(error: Float[np.ndarray, "*n c"], std: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n"]:
+    return _shares(error, std).max(axis=-1)
+
+
+def _shares(error: Float[np.ndarray, "*n"], std: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Errors in standard deviations, infinite where that is not a finite number."""
     with np.errstate(all="ignore"):
-        value = np.abs(error / np.where(std > 0, std, np.nan)).max(axis=-1)
+        value = np.abs(error / np.where(std > 0, std, np.nan))
     return np.where(np.isfinite(value), value, np.inf)

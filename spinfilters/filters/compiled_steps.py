@@ -180,6 +180,7 @@ _EPOCH_SIGNATURES = {
     "refresh": Signature("ipiiiip", None),
     "whiten": Signature("ippppp", ctypes.c_double),
     "correct": Signature("iipp" + "pppp", ctypes.c_double),
+    "sum_levers": Signature("ipippp", None),
     "solve": Signature("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
     "solve_rows": Signature("ipppd" + "ppp" + "ip" + "pppp", ctypes.c_int),
     "regress": Signature("ippi" + "pipi" + "ppp" + "ppp", None),
@@ -233,6 +234,19 @@ class CompiledSteps:
         given = [np.ascontiguousarray(array) for array in (linear, weights, at)]
         log_noise = self._c.whiten(k, *map(address, given), self._map(stored), address(kept))
         return WhitenedLandmarks(kept, (k, d, width), log_noise)
+
+    def lever_squares(
+        self, stored: LandmarkArrays, at: Int[np.ndarray, " k"], white: WhitenedLandmarks
+    ) -> Float[np.ndarray, "3"]:
+        """Sums of squares as `NumpySteps.lever_squares`, in C."""
+        _, d, width = white.shape
+        if (d, width - self._modes - 1) != SHAPE:
+            return self._reference.lever_squares(stored, at, white)
+        at, squares = np.ascontiguousarray(at), np.empty(3)
+        self._c.sum_levers(
+            *(len(white.kept), address(white.kept), len(at), address(at), self._map(stored), address(squares))
+        )
+        return squares
 
     def corrected(
         self,

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.filters.compiled_steps import Update, compiled_update
-from spinfilters.filters.epoch_run import RunOptions, compiled_loops, run_options, take_in, take_in_runs
+from spinfilters.filters.epoch_run import RunOptions, compiled_loops, run_options, take_in
 from spinfilters.filters.error_coordinates import ErrorCoordinates, InvariantOptions
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel, RunsTaken
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter, PredictedMeasurement
@@ -36,6 +36,7 @@ from spinfilters.filters.iterated_update import (
 )
 from spinfilters.filters.landmark_observations import SolvedObservations, corrected_at_landmarks
 from spinfilters.filters.landmark_steps import MapObservations
+from spinfilters.filters.lane_runs import take_in_runs
 from spinfilters.filters.measurement_prediction import LinearisedRows, linear_rows
 from spinfilters.filters.noise_levels import AdaptationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions, SensorOutlierRejection

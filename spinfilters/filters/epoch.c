@@ -206,6 +206,27 @@ double whiten(integer count, const double* linear, const double* weights, const 
   return log_noise;
 }
 
+/* `lever_squares`: sums of squares of X in so many groups, of the roots of these landmarks, and of their points about the mean. */
+void sum_levers(integer groups, const Group* g, integer count, const integer* at, const Map* map, double* squares) {
+  lane sum = {0};
+  double mean[3] = {0};
+  squares[0] = squares[1] = squares[2] = 0;
+  for (; groups > 0; --groups, ++g) /* lanes that fill the last group up hold zeros */
+    for (int k = 0; k < 3 * D; ++k) sum += g->spread[k] * g->spread[k];
+  for (int i = 0; i < LANES; ++i) squares[0] += ((const double*)&sum)[i];
+  /* their mean first: differences of large sums would lose the lever arms to rounding */
+  for (integer i = 0; i < count; ++i) {
+    const stored* root = map->roots + 9 * at[i];
+    for (int a = 0; a < 9; ++a) squares[1] += (double)root[a] * (double)root[a];
+    for (int a = 0; a < 3; ++a) mean[a] += map->points[3 * at[i] + a] / (double)count;
+  }
+  for (integer i = 0; i < count; ++i)
+    for (int a = 0; a < 3; ++a) {
+      const double lever = map->points[3 * at[i] + a] - mean[a];
+      squares[2] += lever * lever;
+    }
+}
+
 /* `corrected`: see `correct_rows`, which this ends with. */
 double correct(integer count, integer n, const Group* g, const integer* columns, double* factor, double* root, double* shift,
                double* error) {

@@ -273,11 +273,11 @@ static int may_repeat(const double* values, integer count, const double* before,
   return equal;
 }
 
-/* `is_small` or `linear_model_holds` of an update from x, whose innovations and Jacobians lie in `room`. */
+/* `is_small` or `linear_model_holds` of an update from x to the mean. */
 static int is_linear(const Filter* f, const Sensor* s, integer count, integer used, const double* x, const double* parameters,
-                     const double* values, const double* room, const double* made, double* rows) {
+                     const double* values, const double* innovation, const double* jacobian, const double* error,
+                     const double* shift, const double* mean, double* rows) {
   const integer n = f->n, dim = s->model->dim, C = s->columns;
-  const double *error = made + 2, *shift = error + n, *mean = made + 3 + 2 * n + 3 * n * n;
   double curvature = f->attitude < 0 ? INFINITY : length(error + f->attitude, 3);
   if (f->position >= 0) {
     const double away = length(x + f->place, 3);
@@ -287,7 +287,7 @@ static int is_linear(const Filter* f, const Sensor* s, integer count, integer us
   if (used < count) return 0; /* rejected values are no evidence on the linear model */
   /* `sample_rows`: every `spacing`th value, each for so many */
   const integer spacing = (count + LINEAR_SAMPLE - 1) / LINEAR_SAMPLE, some = (count + spacing - 1) / spacing;
-  const double *innovation = room, *jacobian = room + count * dim, root = sqrt(s->weight);
+  const double root = sqrt(s->weight);
   double *after = rows, *valid = after + some * dim * (C + 1), off = 0;
   const double* from[] = {mean, parameters, values};
   const integer pitch[] = {0, spacing * s->model->width, spacing * s->model->components}, *chosen[] = {0, 0, 0};
@@ -517,14 +517,15 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
       }
       const integer used = s->update(s->model, count, x, parameters, values, s->weight, s->limit, S, rows, made);
       if (!used || (double)used < AGREEING_SHARE * (double)count) break; /* so few that the state is doubted */
-      if (!is_linear(f, s, count, used, x, parameters, values, rows, made, again)) break;
+      const double *error = made + 2, *moved = made + 3 + 2 * n + 3 * n * n;
+      if (!is_linear(f, s, count, used, x, parameters, values, rows, rows + count * dim, error, error + n, moved, again)) break;
       const double log_root = made[2 + 2 * n];
       nis += made[0];
       likelihood += -0.5 * (made[0] + (double)(used * dim) * 1.8378770664093453) - log_root - made[1];
       dof += used * dim;
       accepted += used;
       rejected += count - used;
-      memcpy(x, made + 3 + 2 * n + 3 * n * n, m * sizeof(double));
+      memcpy(x, moved, m * sizeof(double));
       memcpy(S, made + 3 + 2 * n + 2 * n * n, n * n * sizeof(double));
     }
     if (i < sensors || !isfinite(nis + likelihood) || !all_finite(x, m) || !all_finite(S, n * n)) break;
@@ -540,33 +541,4 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
   free(last);
   free(index);
   return done;
-}
-
-/* `take_in` for each of many runs of the same epochs, from begin[r] to before end[r]: run r is at mean[r] and factor[r] before,
- * and has each sensor's values and parameters `values_per_run` rows behind those of the run before. There is room for `epochs` rows
- * of each run; done[r] becomes how many epochs were taken in now. */
-void take_in_runs(const Filter* f, integer sensors, const Sensor* sensor, const integer* values_per_run, integer runs,
-                  integer epochs, const double* dt, const double* mean, const double* factor, integer most, integer width,
-                  const Rows* to, const integer* begin, const integer* end, integer* done) {
-  const integer n = f->n, m = f->point;
-  Sensor* own = malloc(sensors * sizeof(Sensor));
-  /* zero first, which stands where there is no memory */
-  for (integer r = 0; r < runs; ++r) done[r] = 0;
-  /* a run's values and parameters of each sensor, and its rows of the output */
-  for (integer r = 0; own && r < runs; ++r) {
-    if (begin[r] >= end[r]) continue;
-    for (integer i = 0; i < sensors; ++i) {
-      const integer before = r * values_per_run[i];
-      own[i] = sensor[i];
-      own[i].first += begin[r];
-      own[i].end += begin[r];
-      own[i].parameters += before * own[i].model->width;
-      own[i].values += before * own[i].model->components;
-    }
-    const integer row = r * epochs + begin[r];
-    const Rows rows = {to->mean + row * m,   to->factor + row * n * n, to->nis + row,     to->likelihood + row,
-                       to->dof + row, to->accepted + row,       to->rejected + row};
-    done[r] = take_in(f, sensors, own, end[r] - begin[r], dt + begin[r], mean + r * m, factor + r * n * n, most, width, &rows);
-  }
-  free(own);
 }

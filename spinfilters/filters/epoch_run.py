@@ -7,7 +7,7 @@ finite. Without a compiler, with a robust loss, or while noise levels adapt, eve
 
 import ctypes
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -25,7 +25,7 @@ from spinfilters.filters.compiled_steps import (
     compiled_propagation,
     compiled_update,
 )
-from spinfilters.filters.estimator import COUNTS, EpochRun, ProcessModel, RunsTaken, SensorTimeline
+from spinfilters.filters.estimator import COUNTS, EpochRun, ProcessModel, SensorTimeline
 from spinfilters.filters.iterated_update import SAMPLE as LINEAR_SAMPLE
 from spinfilters.filters.iterated_update import SMALLEST_RANGE, IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPoints
@@ -41,12 +41,8 @@ from spinfilters.models.state_layout import StateLayout
 _SIGNATURES: Final = {
     "take_in": Signature("pip" + "ip" + "pp" + "iip", ctypes.c_longlong),
     "spread": Signature("pdpp" + "pppp", ctypes.c_longlong),
-    "take_in_runs": Signature("pipp" + "iip" + "pp" + "iip" + "ppp", None),
 }
-_ROWS: Final = ("mean", "factor", "nis", "log_likelihood", *COUNTS)
-Stretches = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Of some runs, their next epochs, and means and factors of all runs there, the epochs at which these runs stop next. It may
-replace these runs' means and factors in place."""
+ROWS: Final = ("mean", "factor", "nis", "log_likelihood", *COUNTS)
 
 
 class _Sensor(ctypes.Structure):
@@ -178,79 +174,31 @@ def take_in(
     int
         How many epochs were taken in.
     """
-    call = _Call.of(process, epochs, options)
+    call = EpochCall.of(process, epochs, options)
     if call is None:
         return 0
     dt, x, S = (np.ascontiguousarray(array, dtype=float) for array in (epochs.dt, mean, factor))
-    places = (ctypes.c_void_p * len(_ROWS))(*(address(rows[name]) for name in _ROWS))
+    places = (ctypes.c_void_p * len(ROWS))(*(address(rows[name]) for name in ROWS))
     return call.library.take_in(
         *(ctypes.addressof(call.filter), len(call.sensors), ctypes.addressof(call.sensors)),
         *(len(dt), *map(address, (dt, x, S)), call.most, call.width, ctypes.addressof(places)),
     )
 
 
-def take_in_runs(
-    process: ProcessModel,
-    mean: Float[np.ndarray, "r m"],
-    factor: Float[np.ndarray, "r n n"],
-    epochs: EpochRun,
-    options: RunOptions,
-    stretches: Stretches | None = None,
-) -> RunsTaken | None:
-    """Take a first-order filter through many runs of the same epochs, each to the numbers of `take_in`.
+class EpochCall(NamedTuple):
+    """Arguments of the functions in C that all epochs share, and what keeps their arrays alive.
 
-    Parameters
+    Attributes
     ----------
-    mean, factor : ndarray
-        The beliefs before, one of each run.
-    epochs : EpochRun
-        Of the first run; its sensors hold the values of all runs, one run behind the other.
-    stretches : Stretches or None
-        Where runs stop in between for something to be done to their beliefs; None: nowhere.
-
-    Returns
-    -------
-    RunsTaken or None
-        None where something compiled is missing, or a sensor has no plain gate.
+    library : ctypes.PyDLL
+        With `take_in` and `spread`.
+    filter, sensors
+        As C reads them.
+    most : int
+        Values of a sensor in an epoch at most.
+    width : int
+        Numbers of a linearised value at most.
     """
-    call = _Call.of(process, epochs, options)
-    if call is None:
-        return None
-    runs, count = len(mean), len(epochs.dt)
-    dt, x, S = (np.array(array, dtype=float, order="C") for array in (epochs.dt, mean, factor))
-    room = _rows_of_runs(count, x, S)
-    done, begin, end = (np.zeros(runs, dtype=np.int64) for _ in range(3))
-    per_run = np.array([len(part.every.values) // runs for part in epochs.sensors], dtype=np.int64)
-    places = (ctypes.c_void_p * len(_ROWS))(*(address(room[name]) for name in _ROWS))
-    left = np.arange(runs)
-    while left.size:
-        end[:] = begin
-        end[left] = count if stretches is None else stretches(left, begin[left], x, S)
-        call.library.take_in_runs(
-            *(ctypes.addressof(call.filter), len(call.sensors), ctypes.addressof(call.sensors)),
-            *(address(per_run), runs, count, *map(address, (dt, x, S))),
-            *(call.most, call.width, ctypes.addressof(places), *map(address, (begin, end, done))),
-        )
-        begin += done
-        left = left[(begin[left] == end[left]) & (begin[left] < count)]
-        x[left], S[left] = room["mean"][left, begin[left] - 1], room["factor"][left, begin[left] - 1]
-    return RunsTaken(room, begin)
-
-
-def _rows_of_runs(
-    count: int, mean: Float[np.ndarray, "r m"], factor: Float[np.ndarray, "r n n"]
-) -> dict[str, np.ndarray]:
-    """Room for what so many epochs of each run leave, by name."""
-    runs = len(mean)
-    room = {name: np.empty((runs, count), dtype=int if name in COUNTS else float) for name in _ROWS[2:]}
-    room |= {
-        name: np.empty((runs, count, *of.shape[1:])) for name, of in (("mean", mean), ("factor", factor))
-    }
-    return room
-
-
-class _Call(NamedTuple):
-    """Arguments of the functions in C that all epochs share, and what keeps their arrays alive."""
 
     library: ctypes.PyDLL
     filter: _Filter
@@ -260,7 +208,7 @@ class _Call(NamedTuple):
     kept: tuple[Any, ...]
 
     @classmethod
-    def of(cls, process: ProcessModel, epochs: EpochRun, options: RunOptions) -> "_Call | None":
+    def of(cls, process: ProcessModel, epochs: EpochRun, options: RunOptions) -> "EpochCall | None":
         """The arguments; None where something compiled is missing, or a sensor has no plain gate."""
         found = compiled_loops(process, [part.every.model for part in epochs.sensors])
         if found is None or min(level.limit for level in options.levels) < 0:
@@ -436,7 +384,11 @@ def _filter(
 
 @cache
 def _library() -> ctypes.PyDLL | None:
+    return with_signatures(load_text("epoch_run", epoch_run_text(), FLAGS), _SIGNATURES)
+
+
+def epoch_run_text() -> str:
+    """C text of `epoch_run.c` with its numbers, to be continued."""
     numbers = f"FEWEST_DUPLICATES = {FEWEST_DUPLICATES}, DUPLICATE_SAMPLE = {DUPLICATE_SAMPLE}, LINEAR_SAMPLE = {LINEAR_SAMPLE}"
     text = f"enum {{ {numbers} }};\nstatic const double AGREEING_SHARE = {AGREEING_SHARE};\n"
-    text += files("spinfilters.filters").joinpath("epoch_run.c").read_text()
-    return with_signatures(load_text("epoch_run", text, FLAGS), _SIGNATURES)
+    return text + files("spinfilters.filters").joinpath("epoch_run.c").read_text()

@@ -12,7 +12,13 @@ from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.filters.square_root import triangular_factor
 from spinfilters.models.gauge import GAUGE_DIM, gauge_of_points, moved_points, state_in_g
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.rotation_integrator import LinearisedLoops, LinearisedStep, LinearisedSteps, StepLoops
+from spinfilters.models.rotation_integrator import (
+    LinearisedLoops,
+    LinearisedScan,
+    LinearisedStep,
+    LinearisedSteps,
+    StepLoops,
+)
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus
 
@@ -173,6 +179,11 @@ class ProcessModel(Protocol):
 
     def linearised_loops(self) -> LinearisedLoops | None:
         """Compiled loops of `linearise`; None where there are none."""
+        ...
+
+    @property
+    def linearised_scan(self) -> LinearisedScan | None:
+        """`linearise` of many points side by side; None where there is none."""
         ...
 
     def step_loops(self) -> StepLoops | None:

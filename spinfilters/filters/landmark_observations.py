@@ -190,12 +190,9 @@ def _lever_bias(observations: MapObservations, first: SolvedObservations) -> flo
     Of k d innovations, the landmarks' own errors make the share sum X^2; each pulls by its part of a lever arm, at most all of it.
     """
     count, d, _ = first.whitened.shape
-    X = first.whitened.own_numbers
-    pull = float(np.vdot(X, X)) / math.sqrt(count * d)
-    if pull <= LEVER_BIAS:  # of a mature map, whose points need no look
-        return pull
-    own, lever = observations.roots, observations.points - observations.points.mean(axis=0)
-    part = np.vdot(own, own) / max(np.vdot(lever, lever), np.finfo(float).tiny)
+    held = observations.landmarks
+    numbers, own, lever = held.steps.lever_squares(held, observations.at, first.whitened).tolist()
+    pull, part = numbers / math.sqrt(count * d), own / max(lever, np.finfo(float).tiny)
     return pull * min(math.sqrt(part), 1.0)
 
 

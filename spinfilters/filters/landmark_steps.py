@@ -341,6 +341,12 @@ class LandmarkSteps(Protocol):
         """Whitened rows of observations of the landmarks in rows ``at``."""
         ...
 
+    def lever_squares(
+        self, stored: LandmarkArrays, at: Int[np.ndarray, " k"], white: WhitenedLandmarks
+    ) -> Float[np.ndarray, "3"]:
+        """Sums of squares of X, of the roots of landmarks in rows ``at``, and of their points about the mean."""
+        ...
+
     def corrected(
         self,
         white: WhitenedLandmarks,
@@ -437,6 +443,14 @@ class NumpySteps:
         parts = [array.reshape(len(at), array.shape[1] * array.shape[2], 1) for array in (rows, X, gram)]
         kept = np.concatenate(parts, axis=1)
         return WhitenedLandmarks(kept, rows.shape, log_noise)
+
+    def lever_squares(
+        self, stored: LandmarkArrays, at: Int[np.ndarray, " k"], white: WhitenedLandmarks
+    ) -> Float[np.ndarray, "3"]:
+        """Sums of squares of X, of the roots of landmarks in rows ``at``, and of their points about the mean."""
+        points, roots = stored.points[at], stored.roots[at].astype(float)
+        parts = white.own_numbers, roots, points - points.mean(axis=0)
+        return np.array([np.vdot(part, part) for part in parts])
 
     def corrected(
         self,

@@ -6,7 +6,6 @@ same expressions and with the same control of their number, evaluated in lanes.
 
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -31,6 +30,7 @@ from spinfilters.models.rotation_integrator import (
     boole_weights,
     rotation_difference,
     rotation_parameters,
+    substep_numbers,
 )
 from spinfilters.models.state_layout import StateLayout
 
@@ -117,7 +117,13 @@ class BatchedLinearisation:
         count = self._integrator.count_at(float(steps.speeds.max()), float(dt.max())) if len(here) else 0
         while True:
             error, defect, transition, noise = self._scan(
-                here, steps.there, steps.about, dt, dt / max(count, 1), densities[None], each=_numbers(count)
+                here,
+                steps.there,
+                steps.about,
+                dt,
+                dt / max(count, 1),
+                densities[None],
+                each=substep_numbers(count),
             )
             if self._integrator.good(error, count):
                 break
@@ -199,12 +205,3 @@ def _turn_between(there: Expression, after: Expression) -> Expression:
     e = ca.SX.sym("e", 3)
     error = short_mrp_from_quaternion(product(conjugate(there), product(after, quaternion_from_mrp(e))))
     return ca.substitute(ca.jacobian(error, e), e, 0)
-
-
-@lru_cache(maxsize=64)
-def _numbers(count: int) -> Float[np.ndarray, "c 2"]:
-    """Noise weight and coarse step length of every substep."""
-    numbers = np.zeros((count, 2))
-    if count:
-        numbers[:, 0], numbers[::2, 1] = boole_weights(count)[:count], 2.0
-    return numbers

@@ -242,9 +242,16 @@ class FrontEnd:
 
 def ball(count: int, radius_m: float, generator: np.random.Generator) -> Surface:
     """Landmarks on a slightly dented ball about the origin of g."""
-    normals = generator.standard_normal((count, 3))
+    normals, depths = draw_ball(count, generator)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Surface(radius_m * generator.uniform(0.8, 1.0, (count, 1)) * normals, normals)
+    return Surface(radius_m * depths * normals, normals)
+
+
+def draw_ball(
+    count: int, generator: np.random.Generator
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 1"]]:
+    """The random numbers of a `ball`: directions of its landmarks, and their distances in radii."""
+    return generator.standard_normal((count, 3)), generator.uniform(0.8, 1.0, (count, 1))
 
 
 def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:

@@ -28,17 +28,23 @@ from spinfilters.core.attitude_expressions import Expression, quaternion_rate, r
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
 from spinfilters.core.mass_distribution import inertia
-from spinfilters.core.working_time import building
+from spinfilters.core.vectorised import VectorisedScan
+from spinfilters.core.working_time import building, built_property
 from spinfilters.io.disturbances import DENSITIES, DISTURBANCES, noise_columns
 from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.rotation_integrator import (
     ACCELERATION_TERMS,
+    FEWEST_TOGETHER,
     MAX_SUBSTEPS,
     LinearisedLoops,
+    LinearisedScan,
     LinearisedStep,
     LinearisedSteps,
     RotationIntegrator,
     StepLoops,
+    rotation_difference,
+    rotation_parameters,
+    substep_numbers,
     substeps,
     turns,
 )
@@ -303,7 +309,7 @@ class TorqueFreeProcess:
     def disturbed_paths(
         self, x: Float[np.ndarray, "r m"], dt: float, normal: Float[np.ndarray, "r n k 2 b"]
     ) -> Float[np.ndarray, "r n_plus_1 m"]:
-        """Many disturbed motions, each to the numbers of `disturbed_path`.
+        """Many disturbed motions, each to the numbers of `disturbed_path` but for rounding.
 
         Parameters
         ----------
@@ -378,6 +384,11 @@ class TorqueFreeProcess:
             None without compiled code, or before the first step.
         """
         return self._integrator.linearised_loops(self._densities)
+
+    @property
+    def linearised_scan(self) -> LinearisedScan:
+        """`linearise` of many points side by side, for other compiled code to call."""
+        return self._integrator.linearised_scan
 
     def step_loops(self) -> StepLoops | None:
         """Compiled loops of `step` for many points.
@@ -532,8 +543,9 @@ class DisturbedSteps:
         """Of each motion the point x and those after every k steps of h > 0 seconds; see `run`."""
         runs, intervals, each = impulses.shape[:3]
         filled = -(-intervals // INTERVALS_PER_CALL) * INTERVALS_PER_CALL
-        flat = np.zeros((runs, filled, each, impulses.shape[3] * impulses.shape[4]))
-        flat[:, :intervals] = impulses.reshape(runs, intervals, each, -1)
+        flat = impulses.reshape(runs, intervals, each, -1)
+        if filled > intervals:
+            flat = np.concatenate([flat, np.zeros((runs, filled - intervals, *flat.shape[2:]))], axis=1)
         points, q = [x[:, np.newaxis]], self._layout.mean_slice(ATTITUDE.name)
         for begin in range(0, filled, INTERVALS_PER_CALL):
             part = self._path_parts(points[-1][:, -1], h, flat[:, begin : begin + INTERVALS_PER_CALL])
@@ -546,7 +558,6 @@ class DisturbedSteps:
     ) -> Float[np.ndarray, "r n m"]:
         """A part of each path, with the substeps that it needs by itself."""
         intervals, each = impulses.shape[1:3]
-        columns = np.swapaxes(impulses.reshape(len(x), intervals * each, -1), 1, 2)
         made = np.empty((len(x), intervals, x.shape[1]))
         counts = np.array([self._integrator.first_count(point, h) for point in x])
         left = np.arange(len(x))
@@ -554,8 +565,13 @@ class DisturbedSteps:
             coarse = []
             for count in np.unique(counts[left]).tolist():
                 rows = left[counts[left] == count]
-                after, error = self._compiled_steps(count, intervals * each, each)(x[rows], h, columns[rows])
-                made[rows] = np.swapaxes(after, 1, 2)
+                if len(rows) >= FEWEST_TOGETHER and self._scan.is_c:
+                    made[rows], error = self._steps_side_by_side(x[rows], h, impulses[rows], count)
+                else:
+                    steps = self._compiled_steps(count, intervals * each, each)
+                    columns = np.swapaxes(impulses[rows].reshape(len(rows), intervals * each, -1), 1, 2)
+                    after, error = steps(x[rows], h, columns)
+                    made[rows] = np.swapaxes(after, 1, 2)
                 coarse += [
                     row
                     for row, worst in zip(rows, error, strict=True)
@@ -565,18 +581,72 @@ class DisturbedSteps:
             counts[left] *= 2
         return made
 
+    def _steps_side_by_side(
+        self, x: Float[np.ndarray, "r m"], h: float, impulses: Float[np.ndarray, "r n k b"], count: int
+    ) -> tuple[Float[np.ndarray, "r n m"], Float[np.ndarray, " r"]]:
+        """Points of each path after every k steps of ``count`` substeps, and the largest error of a step."""
+        made = np.empty((len(x), impulses.shape[1], x.shape[1]))
+        at, worst, error = np.array(x), np.zeros((len(x), 1)), np.empty((len(x), 1))
+        impulse, steps = np.empty((len(x), impulses.shape[3])), np.moveaxis(impulses, 0, 2)
+        given, numbers = (
+            (at, impulse, np.array([[h]]), np.array([[h / count]])),
+            substep_numbers(count)[:, 1:],
+        )
+        step = self._scan.bound(given, (at, error), np.ascontiguousarray(numbers))
+        assert step is not None
+        for k, kicks in enumerate(steps):
+            for kick in kicks:
+                impulse[:] = kick
+                step()  # at is the next point
+                np.maximum(worst, error, out=worst)
+            made[:, k] = at
+        return made, worst[:, 0]
+
+    @built_property
+    def _scan(self) -> VectorisedScan:
+        """One disturbed step of many points side by side.
+
+        Inputs: points, their impulses, of all of them h and the duration of a substep. Outputs: points after the step, and its
+        error.
+        """
+        x, h, short = ca.SX.sym("x", self._layout.mean_dim), ca.SX.sym("h"), ca.SX.sym("short")
+        impulse, numbers = ca.SX.sym("impulse", 2 * self.impulse_dim), ca.SX.sym("numbers", 1)
+        before, behind = ca.vertsplit(impulse, self.impulse_dim)
+        into, expressions = self._impulses_into(), self._integrator.expressions
+        values = self._layout.unpack(x + into @ before)
+        rotation, parameters = (
+            ca.vertcat(values["q"], values["w"]),
+            rotation_parameters(self._layout, values),
+        )
+        state, p, substep = ca.SX.sym("state", 14), ca.SX.sym("p", parameters.numel()), expressions.substep()
+        fine, coarse = ca.vertsplit(state, 7)
+        after = expressions.translated(values, fine[:4], fine[4:], h) + into @ behind
+        given = [x, impulse, h, short]
+        return VectorisedScan(
+            ca.Function("begin_disturbed", given, [ca.vertcat(rotation, rotation), parameters, short]),
+            ca.Function(
+                "disturbed_substeps",
+                [state, p, short, numbers],
+                [ca.vertcat(substep(fine, p, short), substep(coarse, p, numbers * short))],
+            ),
+            ca.Function("end_disturbed", [*given, state], [after, rotation_difference(coarse, fine) / 15]),
+        )
+
+    def _impulses_into(self) -> ca.DM:
+        """Where impulses enter a point: rows of each block's axes, columns of its disturbance."""
+        into = ca.DM.zeros(self._layout.mean_dim, self.impulse_dim)
+        for name, at in self.impulse_columns.items():
+            first = self._layout.mean_slice(_NAMED[name].block).start
+            into[[first + axis for axis in _NAMED[name].axes], at] = ca.DM.eye(at.stop - at.start)
+        return ca.sparsify(into)
+
     @building()
     def _build(self, count: int, steps: int, kept: int | None = None) -> Compiled:
         """Build ``steps`` steps of ``count`` substeps each.
 
         Outputs: the last point, or those after every ``kept`` steps, one a column; and the largest integration error of a step.
         """
-        dim = self.impulse_dim
-        into = ca.DM.zeros(self._layout.mean_dim, dim)
-        for name, at in self.impulse_columns.items():  # rows of the block's axes, columns of the disturbance
-            first = self._layout.mean_slice(_NAMED[name].block).start
-            into[[first + axis for axis in _NAMED[name].axes], at] = ca.DM.eye(at.stop - at.start)
-        into = ca.sparsify(into)
+        dim, into = self.impulse_dim, self._impulses_into()
         x, h = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("h")
         impulse = ca.MX.sym("impulse", 2 * dim)
         before, behind = ca.vertsplit(impulse, dim)

@@ -27,7 +27,7 @@ from spinfilters.core.vectorised import VectorisedScan
 from spinfilters.core.working_time import building, built_property
 from spinfilters.io.disturbances import DISTURBANCES, WHITE_FORCE, WHITE_TORQUE, noise_columns, noise_dim
 from spinfilters.models.state_blocks import ACCELERATION, DRAG, LINEAR_DRAG, MASS_DISTRIBUTION, ROTOR, TORQUE
-from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.state_layout import Places, StateLayout, entries_of
 
 
 class LinearisedStep(NamedTuple):
@@ -131,6 +131,44 @@ class RotationSubsteps:
             ca.Function("step_substeps", [y, p, h, none], [substep(y, p, h)]),
             ca.Function("end", [x, p, dt, h, y], [moved, y]),
         )
+
+    def linearised_scan(self) -> "LinearisedScan":
+        """`linearised_step` of many points side by side, to rounding.
+
+        Inputs: points, and of each dt and the duration h of a substep; densities. A turn for every substep, with the
+        `substep_numbers`. Outputs: the points after dt, errors, and the entries of transition and noise factor.
+        """
+        x, dt, h = ca.SX.sym("x", self._layout.mean_dim), ca.SX.sym("dt"), ca.SX.sym("h")
+        psd, n = ca.SX.sym("psd", len(DISTURBANCES)), self._parameter_count
+        values = self._layout.unpack(x)
+        rotation, rest = ca.vertcat(values["q"], values["w"]), ca.SX.zeros(6 * n + 36)
+        state, p = ca.SX.sym("state", 7 + 7 + 36 + 6 * n + 36), ca.SX.sym("p", n)
+        numbers = ca.SX.sym("numbers", 2)
+        coarse, sums = ca.vertsplit(state, [0, 7, state.numel()])
+        turn = ca.vertcat(
+            self.substep()(coarse, p, numbers[1] * h), self.linear_substep(sums, p, h, numbers[0])
+        )
+        last = ca.diagcat(ca.DM.zeros(3, 3), ca.DM.eye(3)) * h * boole_weights(FEWEST)[-1]
+        noise = ca.reshape(sums[-36:], 6, 6) + last
+        after, transition, factor = self.assemble(x, dt, psd, sums[:-36], noise)
+        error = rotation_difference(coarse, sums[:7]) / 15
+        made = [after, error, entries_of(transition), entries_of(factor)]
+        parameters = rotation_parameters(self._layout, values)
+        scan = VectorisedScan(
+            ca.Function(
+                "begin_linear",
+                [x, dt, h, psd],
+                [ca.densify(ca.vertcat(rotation, rotation, ca.SX.eye(6)[:], rest)), parameters, h],
+            ),
+            ca.Function("linear_substeps", [state, p, h, numbers], [turn]),
+            ca.Function("end_linear", [x, dt, h, psd, state], [ca.densify(each) for each in made]),
+        )
+        moved = [
+            i
+            for i in range(transition.shape[0])
+            if not (transition[i, :].nnz() == 1 and transition[i, i].is_one() and factor[i, :].nnz() == 0)
+        ]
+        return LinearisedScan(scan, 1 + max(moved), Places.of(transition), Places.of(factor))
 
     def step_error(self) -> ca.Function:
         """(q, w) after coarse and fine substeps to the estimate of the latter's error."""
@@ -384,6 +422,25 @@ class StepLoops(NamedTuple):
     fewest: int
 
 
+class LinearisedScan(NamedTuple):
+    """Linearised steps of many points side by side.
+
+    Attributes
+    ----------
+    scan : VectorisedScan
+        See `RotationSubsteps.linearised_scan`.
+    moving : int
+        Errors before the last ones that stay as they are and gather no noise.
+    transition, noise : Places
+        Of the entries that it gives of transition and noise factor.
+    """
+
+    scan: VectorisedScan
+    moving: int
+    transition: Places
+    noise: Places
+
+
 class RotationIntegrator:
     """Steps and linearises a state whose rotation follows ``acceleration``.
 
@@ -504,11 +561,29 @@ class RotationIntegrator:
             for count in np.unique(counts[left]).tolist():
                 at = np.flatnonzero(counts[left] == count)
                 rows = left[at]
-                _, error, found[rows], _ = self._lineariser(count)(x[rows], dt[rows, None], densities)
+                if len(rows) >= FEWEST_TOGETHER and self.linearised_scan.scan.is_c:
+                    error, found[rows] = self._transitions_together(x[rows], dt[rows, None], densities, count)
+                else:
+                    _, error, found[rows], _ = self._lineariser(count)(x[rows], dt[rows, None], densities)
                 good[at] = [self.good(worst, count) for worst in error]
             left = left[~good]
             counts[left] *= 2
         return found
+
+    def _transitions_together(
+        self,
+        x: Float[np.ndarray, "k m"],
+        dt: Float[np.ndarray, "k 1"],
+        densities: Float[np.ndarray, " p"],
+        count: int,
+    ) -> tuple[Float[np.ndarray, "k e"], Float[np.ndarray, "k n n"]]:
+        """Errors and transitions of steps of so many substeps, by vector instructions."""
+        linearised, n = self.linearised_scan, self._layout.error_dim
+        given = (x, dt, dt / count, densities[np.newaxis])
+        _, error, entries, _ = linearised.scan(*given, each=substep_numbers(count))
+        transition = np.zeros((len(x), n, n))
+        transition[:, *linearised.transition] = entries
+        return error, transition
 
     @property
     def noise_dim(self) -> int:
@@ -561,6 +636,11 @@ class RotationIntegrator:
         if constants is None or scan is None or error is None:
             return None
         return StepLoops(constants, math.prod(self._step_constants.output_shapes[0]), scan, error, FEWEST)
+
+    @built_property
+    def linearised_scan(self) -> LinearisedScan:
+        """`linearise` of many points side by side."""
+        return self.expressions.linearised_scan()
 
     @built_property
     def _scan(self) -> VectorisedScan:
@@ -618,6 +698,15 @@ def substeps(turn: float, tolerance: float) -> int:
     while count * min(angle, noise_angle) < turn and count <= MAX_SUBSTEPS:
         count *= 2
     return count
+
+
+@lru_cache(maxsize=64)
+def substep_numbers(count: int) -> Float[np.ndarray, "c 2"]:
+    """Noise weight and coarse step length of every substep of ``count``, the latter in substeps."""
+    numbers = np.zeros((count, 2))
+    if count:
+        numbers[:, 0], numbers[::2, 1] = boole_weights(count)[:count], 2.0
+    return numbers
 
 
 FEWEST_TOGETHER: Final = 8

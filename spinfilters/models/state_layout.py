@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -389,6 +390,11 @@ class StateLayout:
         """`reset_jacobian` as a compiled function."""
         return self._reset
 
+    @property
+    def many_resets(self) -> "MatrixEntries":
+        """`reset_jacobian` of many errors side by side, for other compiled code to call."""
+        return _reset_lanes(self)
+
     def origin(self) -> Float[np.ndarray, " m"]:
         """The point with identity attitude and zeros elsewhere.
 
@@ -449,13 +455,66 @@ def _local_lanes(layout: StateLayout) -> Vectorised:
 @cache
 @building()
 def _reset_function(layout: StateLayout) -> Compiled:
+    d, jacobian = _reset_expression(layout)
+    return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
+
+
+def _reset_expression(layout: StateLayout) -> tuple[ca.SX, ca.SX]:
+    """An error and the reset Jacobian at it, the identity outside the curved blocks."""
     d = ca.SX.sym("d", layout.error_dim)
     jacobian = ca.SX.eye(layout.error_dim)
     for block in layout.curved:
         at = layout.slice(block.name)
         assert block.chart.reset_jacobian is not None
         jacobian[at, at] = block.chart.reset_jacobian(d[at])
-    return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
+    return d, jacobian
+
+
+@cache
+@building()
+def _reset_lanes(layout: StateLayout) -> "MatrixEntries":
+    d, jacobian = _reset_expression(layout)
+    entries = ca.Function("reset_entries", [d], [entries_of(jacobian)])
+    return MatrixEntries(Vectorised(entries), Places.of(jacobian))
+
+
+class Places(NamedTuple):
+    """Places of those entries of a matrix that may not be zero.
+
+    Attributes
+    ----------
+    row, column : ndarray of int, shape (k,)
+        Of each entry.
+    """
+
+    row: Int[np.ndarray, " k"]
+    column: Int[np.ndarray, " k"]
+
+    @classmethod
+    def of(cls, matrix: ca.SX) -> "Places":
+        """Those of a matrix's structural nonzeros, in their order."""
+        row, column = matrix.sparsity().get_triplet()
+        return cls(np.array(row, dtype=np.int64), np.array(column, dtype=np.int64))
+
+
+def entries_of(matrix: ca.SX) -> ca.SX:
+    """A matrix's structural nonzeros as a column, in the order of `Places.of`."""
+    return ca.densify(ca.vertcat(*matrix.nonzeros()))  # pyright: ignore[reportCallIssue, reportArgumentType]
+
+
+class MatrixEntries(NamedTuple):
+    """A function that gives those entries of a matrix that may not be zero.
+
+    Attributes
+    ----------
+    function : Vectorised
+        Of the entries.
+    places : Places
+        Of each.
+    """
+
+    function: Vectorised
+    places: Places
 
 
 def _slices(blocks: tuple[str, ...], sizes: list[int]) -> dict[str, slice]:

@@ -1,16 +1,18 @@
-"""Many recordings of one scenario at once, each with generators of its own, to the numbers of recordings made one by one."""
+"""Many recordings of one scenario at once, each with generators of its own, to the numbers of recordings made one by one but for
+rounding."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.io.truth import Truth
-from spinfilters.models.feature_tracks import ball
+from spinfilters.models.feature_tracks import Surface, draw_ball
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from spinfilters.simulation.inspector import STATIC
@@ -57,18 +59,40 @@ def simulate_runs(
     time = scenario.interval * np.arange(scenario.epochs)
     states = _motions(scenario, layout, motion_generators)
     period = float(time[-1]) + scenario.interval
-    sensors: dict[str, list[MeasurementStream]] = {}
-    for k, generator in enumerate(measurement_generators):
-        motion = Motion(layout, time, states[k])
-        surface = ball(scenario.landmarks, scenario.radius_m, generator)
-        for kind, own in scenario.times.items():
-            seen = motion if not scenario.beside else motion.at(own)
-            made = simulated_stream(scenario, kind, seen, surface, generator).stream
-            sensors.setdefault(made.sensor, []).append(made)
     every = _shift_times(time, len(states), period)
     motion = Motion(layout, every, states.reshape(len(every), -1))
-    log = MeasurementLog(tuple(_join_runs(streams, period) for streams in sensors.values()))
-    return SimulatedRuns(log, truth_of(scenario, motion), len(time), period)
+    for generator in measurement_generators:  # as `measured`, which needs the landmarks
+        draw_ball(scenario.landmarks, generator)
+    surface = Surface(np.zeros((0, 3)), np.zeros((0, 3)))
+    joint = cast(np.random.Generator, JointGenerators(measurement_generators))
+    streams = []
+    for kind, own in scenario.times.items():
+        seen = motion if not scenario.beside else motion.at(_shift_times(own, len(states), period))
+        streams.append(simulated_stream(scenario, kind, seen, surface, joint).stream)
+    return SimulatedRuns(MeasurementLog(tuple(streams)), truth_of(scenario, motion), len(time), period)
+
+
+class JointGenerators:
+    """Generators of many runs as one: of the rows of an array, each run has an equal share, drawn by its own generator."""
+
+    def __init__(self, generators: Sequence[np.random.Generator]) -> None:
+        self._generators = generators
+
+    def standard_normal(self, size: tuple[int, ...]) -> np.ndarray:
+        """Standard normals of this shape."""
+        return self._draw(size, lambda generator, part: generator.standard_normal(part))
+
+    def uniform(self, low: float, high: float, size: tuple[int, ...]) -> np.ndarray:
+        """Numbers of this shape, uniform from low to high."""
+        return self._draw(size, lambda generator, part: generator.uniform(low, high, part))
+
+    def _draw(
+        self,
+        size: tuple[int, ...],
+        draw: Callable[[np.random.Generator, tuple[int, ...]], np.ndarray],
+    ) -> np.ndarray:
+        part = (size[0] // len(self._generators), *size[1:])
+        return np.concatenate([draw(generator, part) for generator in self._generators])
 
 
 def require_simulated_together(scenario: Scenario) -> None:
@@ -90,19 +114,6 @@ def _motions(
         normal[k, ..., :3] = generator.standard_normal(shape)
     process = TorqueFreeProcess(layout, scenario.noise)
     return process.disturbed_paths(np.tile(start, (len(normal), 1)), scenario.interval, normal)
-
-
-def _join_runs(streams: Sequence[MeasurementStream], period: float) -> MeasurementStream:
-    """One sensor's measurements, one run after the other."""
-    first = streams[0]
-    covariances = [each.covariance for each in streams if each.covariance is not None]
-    return MeasurementStream(
-        first.sensor,
-        _shift_times(first.time, len(streams), period),
-        np.concatenate([each.values for each in streams]),
-        None,
-        np.concatenate(covariances) if covariances else None,
-    )
 
 
 def _shift_times(time: Float[np.ndarray, " n"], runs: int, period: float) -> Float[np.ndarray, " k"]:

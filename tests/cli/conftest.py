@@ -60,7 +60,8 @@ def unmapped(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     run = tmp_path_factory.mktemp("unmapped") / "run"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "_figures", lambda _: ())
-        arguments = ["--estimators", "mekf,smoother", "--predict", "5", "--convergence", "-o", str(run)]
+        asked = ["--estimators", "mekf,smoother", "--verdict", "filter", "--predict", "5", "--convergence"]
+        arguments = [*asked, "-o", str(run)]
         assert main(["compare", str(recordings / "unmapped"), *arguments]) == 0
     return run
 

@@ -14,13 +14,15 @@ from spinfilters.smoother import recursive_smoother as convergence_record
 from tests.cli.failures import compared, of_casadi, singular
 
 pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
+ESTIMATES_ALONE = ("--verdict", "filter")
+"""Without the tests of their models, which no optional output shows."""
 
 
 def test_a_bound_that_raises_is_left_out(
     poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recording_bound, "_factors", of_casadi)
-    estimates = compared(poses, tmp_path / "run", names=("mekf",))
+    estimates = compared(poses, tmp_path / "run", *ESTIMATES_ALONE, names=("mekf",))
     assert estimates["mekf"]["status"] != "failed"
     assert estimates["mekf"]["errors"]["bound"] is None
 
@@ -30,7 +32,7 @@ def test_a_prediction_that_raises_is_left_out(
     error: Callable[..., Any], poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(predictions, "predict_ahead", error)
-    compared(poses, tmp_path / "run", "--predict", "5", names=("mekf", "ukf"))
+    compared(poses, tmp_path / "run", "--predict", "5", *ESTIMATES_ALONE, names=("mekf", "ukf"))
     assert not (tmp_path / "run" / "prediction.png").exists()
     assert not (tmp_path / "run" / "mekf" / "prediction.csv").exists()
 
@@ -47,7 +49,7 @@ def test_a_prediction_of_one_estimator_that_is_not_finite_leaves_those_of_the_ot
         return replace(found, factor=found.factor * np.nan) if count % 2 else found
 
     monkeypatch.setattr(predictions, "predict_ahead", predict)
-    compared(poses, tmp_path / "run", "--predict", "5", names=("mekf", "ukf"))
+    compared(poses, tmp_path / "run", "--predict", "5", *ESTIMATES_ALONE, names=("mekf", "ukf"))
     assert (tmp_path / "run" / "prediction.png").exists()
     assert not (tmp_path / "run" / "mekf" / "prediction.csv").exists()
     assert (tmp_path / "run" / "ukf" / "prediction.csv").exists()
@@ -75,7 +77,7 @@ def test_convergence_ends_at_a_solve_that_raises(
 
     monkeypatch.setattr(convergence_record.SlidingSmoother, "add", add)
     monkeypatch.setattr(optional_outputs.smoother_convergence, "write_convergence", write)
-    compared(tracks, tmp_path / "run", "--convergence", names=("smoother",))
+    compared(tracks, tmp_path / "run", "--convergence", *ESTIMATES_ALONE, names=("smoother",))
     assert (tmp_path / "run" / "convergence.png").exists()
     with np.load(tmp_path / "run" / "smoother" / "convergence.npz") as file:
         finite = np.isfinite(file["position"]).any(axis=(1, 2))

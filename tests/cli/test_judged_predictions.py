@@ -28,8 +28,8 @@ pytestmark = pytest.mark.usefixtures("few_figures")
 
 def compared(dataset: Path, run: Path, *more: str) -> dict[str, object]:
     """The estimators of a run on the first ten seconds, and the errors of what it predicts."""
-    asked = ["--estimators", "mekf", "--segment", "0:10", "--predict", "4", "-o", str(run), *more]
-    assert main(["compare", str(dataset), *asked]) == 0
+    asked = ["--estimators", "mekf", "--verdict", "filter", "--segment", "0:10", "--predict", "4", *more]
+    assert main(["compare", str(dataset), *asked, "-o", str(run)]) == 0
     return json.loads((run / "prediction.json").read_text())["estimators"]
 
 
@@ -64,7 +64,7 @@ def test_a_gyro_is_judged_by_rate_and_mass_distribution(recordings: Path, tmp_pa
 
 def test_without_a_truth_after_the_measurements_nothing_is_judged(recordings: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    asked = ["--estimators", "mekf", "--predict", "4", "-o", str(run)]
+    asked = ["--estimators", "mekf", "--verdict", "filter", "--predict", "4", "-o", str(run)]
     assert main(["compare", str(recordings / "gyro"), *asked]) == 0
     assert json.loads((run / "prediction.json").read_text())["estimators"] == {}
     assert not (run / "prediction-errors.png").exists()

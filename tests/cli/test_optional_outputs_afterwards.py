@@ -17,6 +17,7 @@ from tests.cli.faults import Change, cut_off, refusal
 
 FRAMES = 20
 ESTIMATORS = ("mekf", "smoother")
+ASKED = ("--estimators", "mekf,smoother", "--verdict", "filter")
 PREDICTION, CONVERGENCE = "mekf/prediction.npz", "smoother/convergence.npz"
 pytestmark = pytest.mark.usefixtures("few_figures")
 
@@ -146,7 +147,7 @@ def bare(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("bare") / "run"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "_figures", lambda _: ())
-        arguments = ["--estimators", "mekf,smoother", "-o", str(run)]
+        arguments = [*ASKED, "-o", str(run)]
         assert main(["compare", str(recordings / "unmapped"), *arguments]) == 0
     return run
 
@@ -159,7 +160,7 @@ def resumed(bare: Path, recordings: Path, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(comparison_run, "compare_estimators", None)
 
     def resume(*arguments: str) -> Path:
-        place = ["--estimators", "mekf,smoother", "--resume", "-o", str(run)]
+        place = [*ASKED, "--resume", "-o", str(run)]
         assert main(["compare", str(recordings / "unmapped"), *place, *arguments]) == 0
         return run
 
@@ -244,6 +245,6 @@ def test_a_finished_run_that_is_damaged_is_not_predicted(
 ) -> None:
     run = resumed()
     change(run)
-    asked = ["--estimators", "mekf,smoother", "--resume", "--predict", "5", "-o", str(run)]
+    asked = [*ASKED, "--resume", "--predict", "5", "-o", str(run)]
     assert says in refusal(capsys, "compare", str(recordings / "unmapped"), *asked)
     assert not (run / "prediction.png").exists()

@@ -36,7 +36,8 @@ def test_a_run_that_is_stopped_at_any_file_is_completed_by_resuming(
             raise error
         replace(source, target)
 
-    arguments = ["compare", str(originals / "gyro"), "--estimators", "mekf", "--predict", "2", "-o"]
+    asked = ["--estimators", "mekf", "--verdict", "filter", "--predict", "2"]
+    arguments = ["compare", str(originals / "gyro"), *asked, "-o"]
     assert main([*arguments, str(tmp_path / "whole")]) == 0
     wanted, stopped, code = results(tmp_path / "whole"), 0, 2
     while code == 2:

@@ -16,6 +16,7 @@ from spinfilters.evaluation.consistency import (
     true_states,
 )
 from spinfilters.evaluation.estimated_motion import trajectory_of
+from spinfilters.filters.normalised_squares import normalised_squares
 from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 from tests.evaluation.estimate_samples import (
@@ -73,6 +74,15 @@ def test_an_error_in_a_direction_of_no_variance_is_infinitely_unlikely() -> None
 def test_variances_of_any_unit_are_handled() -> None:
     factors = np.diag([1e-9, 1.0, 1e6])[np.newaxis]
     np.testing.assert_allclose(normalised_square(np.array([[1e-9, 2.0, 1e6]]), factors), 6.0)
+
+
+def test_squares_of_parts_are_those_of_each_part() -> None:
+    rng, parts = np.random.default_rng(5), [slice(0, 7), slice(2, 5), slice(3, 7)]
+    error, factor = rng.standard_normal((13, 7)), rng.standard_normal((13, 7, 9))
+    factor[3, 4], factor[5, 1], factor[7, :, :7] = 0.0, 0.0, np.tril(factor[7, :, :7])
+    factor *= 10.0 ** rng.uniform(-3, 3, (13, 7, 1))
+    expected = np.stack([normalised_square(error[:, part], factor[:, part]) for part in parts], axis=1)
+    np.testing.assert_allclose(normalised_squares(error, factor, parts), expected, rtol=1e-9)
 
 
 def test_the_band_is_that_of_the_chi_square_table() -> None:

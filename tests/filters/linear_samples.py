@@ -49,6 +49,10 @@ class LinearProcess:
     def linearised_loops(self) -> None:
         """No compiled loops."""
 
+    @property
+    def linearised_scan(self) -> None:
+        """No compiled loops."""
+
     def step_loops(self) -> None:
         """No compiled loops."""
 

@@ -64,10 +64,12 @@ def epochs(steps: EITHER, precision: str, count: int) -> dict[str, np.ndarray]:
         steps.refresh(landmarks, seen)
         linear, weights = generator.standard_normal((count, 3, POSE + 4)), generator.uniform(0.1, 2.0, count)
         white = steps.whitened(landmarks, seen, linear, weights)
+        levers = steps.lever_squares(landmarks, seen, white) if count else np.zeros(3)
         correction = steps.corrected(white, factor, COLUMNS, 0.5)
         y = correction.coordinates
         found |= {
             f"likelihood {epoch}": np.array([white.log_noise, correction.nis, correction.log_likelihood]),
+            f"levers {epoch}": levers,
             f"rows {epoch}": squares(np.delete(white.rows, COLUMNS[POSE:] - 20 + POSE, 2).swapaxes(1, 2)),
             f"length {epoch}": np.array([np.linalg.norm(y), correction.length(y)]),
             f"errors {epoch}": np.r_[correction.error[:20], correction.error[20 + RANK :]],

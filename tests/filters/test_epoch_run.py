@@ -13,6 +13,7 @@ from spinfilters.filters import timeline as loop
 from spinfilters.filters.compiled_steps import compiled_propagation
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.epoch_run import CompiledSpread
+from spinfilters.filters.estimator import EpochRun, Measurement
 from spinfilters.filters.filter import MultiplicativeFilter
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.filters.noise_levels import NoiseScale
@@ -228,3 +229,52 @@ def test_sigma_points_in_one_call_are_those_of_arrays(turn: float, monkeypatch: 
     assert calls[-1] is not None
     for compiled, reference in zip(*made, strict=True):
         np.testing.assert_allclose(compiled, reference, rtol=1e-10, atol=1e-12)
+
+
+def changed_runs(timeline: LogTimeline, runs: int) -> list[LogTimeline]:
+    """The same epochs with other values in each run; a gross error in the last run but one."""
+    rng, found = np.random.default_rng(3), []
+    for k in range(runs):
+        sensors = []
+        for part in timeline.sensors:
+            noise = 1e-4 * rng.standard_normal(part.every.values.shape)
+            if k == runs - 2:
+                noise[part.end[7] - 1] += 50.0
+            sensors.append(replace(part, every=replace(part.every, values=part.every.values + noise)))
+        found.append(replace(timeline, sensors=tuple(sensors)))
+    return found
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["poses", "poses and gyro", TRACKS])
+def test_runs_side_by_side_have_the_beliefs_of_runs_by_themselves(name: str) -> None:
+    timeline, belief = sample(name)
+    several = changed_runs(timeline, 10)
+    singles = [estimated(belief, one)[0] for one in several]
+    estimator = MultiplicativeEkf(TorqueFreeProcess(belief.layout, ProcessNoise()))
+    estimator.start(belief)
+    loop.rehearse(estimator, timeline[0].time, timeline[1:])
+    estimator.start(belief)
+    parts = []
+    for k, part in enumerate(timeline.sensors):
+        every = [one.sensors[k].every for one in several]
+        values, parameters = (
+            np.concatenate([getattr(each, name) for each in every]) for name in ("values", "parameters")
+        )
+        parts.append(replace(part, every=Measurement(part.every.model, values, parameters)))
+    first = EpochRun(
+        np.diff(loop.times_of(timeline)), tuple(replace(p, first=p.first[1:], end=p.end[1:]) for p in parts)
+    )
+    beliefs = [np.tile(array, (10, *[1] * array.ndim)) for array in (belief.mean, belief.factor)]
+    taken = estimator.take_in_runs(first, *beliefs)
+    assert taken is not None
+    assert np.count_nonzero(taken.done == len(timeline) - 1) >= 8  # the others may need single epochs
+    for k, (single, done) in enumerate(zip(singles, taken.done.tolist(), strict=True)):
+        rows = {key: array[k, :done] for key, array in taken.rows.items()}
+        factor, expected = rows.pop("factor"), single.factor[:done]
+        deviations = np.linalg.norm(expected, axis=2)
+        scale = deviations[:, :, np.newaxis] * deviations[:, np.newaxis]
+        squares = [each @ np.swapaxes(each, 1, 2) / scale for each in (factor, expected)]
+        np.testing.assert_allclose(*squares, atol=1e-8)
+        for key, array in rows.items():
+            np.testing.assert_allclose(array, getattr(single, key)[:done], rtol=1e-7, atol=1e-9, err_msg=key)

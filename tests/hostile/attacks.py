@@ -20,7 +20,7 @@ import numpy as np
 
 from .campaign import campaign, parser
 from .case import Case
-from .changes import Change, both, bytes_of, content, instead, sparse, unchanged
+from .changes import Change, Data, both, bytes_of, content, instead, sparse, unchanged
 
 Build = Callable[[Path], object]
 TABLE = b"time_s,wx,wy,wz\n" + b"".join(b"%.1f,1,%.2f,0.3\n" % (0.1 * k, 0.1 * k) for k in range(20))
@@ -255,7 +255,7 @@ def _jpeg() -> bytes:
     return cv2.imencode(".jpg", grey)[1].tobytes()
 
 
-def _pictures() -> dict[str, bytes]:
+def _pictures() -> dict[str, Data]:
     jpeg, png = _jpeg(), _png(160, 120)
     start = jpeg.index(b"\xff\xc0")
     wide = jpeg[: start + 5] + struct.pack(">HH", 65_500, 65_500) + jpeg[start + 9 :]
@@ -271,7 +271,7 @@ def _pictures() -> dict[str, bytes]:
         "PNG with corrupt data": _png(160, 120, b"\x78\x9c" + bytes(50)),
         "PNG with a wrong checksum": png[:-5] + b"\0" + png[-4:],
         "PNG with a chunk of 4 GB": png[:33] + b"\xff\xff\xff\xff" + png[37:],
-        "PNG bomb": _png(9_000, 9_000),
+        "PNG bomb": lambda: _png(9_000, 9_000),
         "JPEG of 65500 x 65500": wide,
         "JPEG of another size": other,
         "JPEG cut short": jpeg[: len(jpeg) // 2] + b"\xff\xd9",
@@ -323,8 +323,8 @@ def _images() -> Iterator[Case]:
         yield Case(f"camera of images: {what}", "gyro", both(images, instead(place, build)), track)
 
 
-def _written(data: bytes) -> Build:
-    return lambda path: path.write_bytes(data)
+def _written(data: Data) -> Build:
+    return lambda path: content(path.name, data)(path.parent)
 
 
 # Archives
@@ -344,9 +344,8 @@ def _corrupt(archive: bytes, packed: bytes) -> bytes:
     return archive[:place] + bytes(255 - byte for byte in archive[place : place + 12]) + archive[place + 12 :]
 
 
-def _zips() -> dict[str, bytes]:
+def _zips() -> dict[str, Data]:
     whole = _zip(("gyro.csv", TABLE))
-    bomb = _zip(("gyro.csv", b"time_s,wx,wy,wz\n" + b"0" * (100 << 20)), packing=zipfile.ZIP_DEFLATED)
     end = whole.rindex(b"PK\x05\x06")
     return {
         "whole": whole,
@@ -364,8 +363,10 @@ def _zips() -> dict[str, bytes]:
         "a name with line feeds": _zip(("a\nb.csv", TABLE)),
         "a name twice": _zip(("gyro.csv", TABLE), ("x/../gyro.csv", TABLE), ("gyro.csv ", TABLE)),
         "a file that is a folder too": _zip(("a/b.csv", TABLE), ("a/b.csv/c.csv", TABLE)),
-        "10000 members": _zip(*((f"{k}.csv", b"") for k in range(10_000))),
-        "a bomb": bomb,
+        "10000 members": lambda: _zip(*((f"{k}.csv", b"") for k in range(10_000))),
+        "a bomb": lambda: _zip(
+            ("gyro.csv", b"time_s,wx,wy,wz\n" + b"0" * (100 << 20)), packing=zipfile.ZIP_DEFLATED
+        ),
         "a member larger than it states": whole.replace(
             struct.pack("<II", len(TABLE), len(TABLE)), struct.pack("<II", len(TABLE), 9)
         ),

@@ -6,20 +6,22 @@ from pathlib import Path
 
 Change = Callable[[Path], object]
 """Alters the files below a folder."""
+Data = bytes | str | Callable[[], bytes | str]
+"""What a file holds, or what makes it where that takes time: only of cases that are tried."""
 
 
 def unchanged(_: Path) -> None:
     """Leave everything as it is: the arguments are the fault."""
 
 
-def content(name: str, data: bytes | str) -> Change:
+def content(name: str, data: Data) -> Change:
     """Write a file, its folders included."""
-    raw = data if isinstance(data, bytes) else data.encode("utf-8", "surrogateescape")
 
     def change(folder: Path) -> None:
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(raw)
+        made = data() if callable(data) else data
+        path.write_bytes(made if isinstance(made, bytes) else made.encode("utf-8", "surrogateescape"))
 
     return change
 

@@ -10,22 +10,18 @@ import pickle
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from .attacks import no_files
 from .campaign import campaign, parser
 from .case import COMPARE, Case
-from .changes import Change, both, bytes_of, content, instead
+from .changes import Change, Data, both, bytes_of, content, instead
 
 TIME = np.arange(20) * 0.1
 RATES = np.column_stack([np.ones(20), 0.1 * TIME, np.full(20, 0.3)])
 COLUMNS = {"time_s": TIME, "wx": RATES[:, 0], "wy": RATES[:, 1], "wz": RATES[:, 2]}
-
-
-Data = bytes | str | Callable[[], bytes]
-"""Of a file, or what makes it where it is large."""
 
 
 def container_cases() -> Iterator[Case]:
@@ -40,16 +36,12 @@ def container_cases() -> Iterator[Case]:
     for suffix, files in kinds.items():
         arguments = ("compare", "{in}/x." + suffix, *COMPARE[2:])
         for what, data in files.items():
-            yield Case(f"{suffix}: {what}", "gyro", _file(f"x.{suffix}", data), arguments)
+            yield Case(f"{suffix}: {what}", "gyro", content(f"x.{suffix}", data), arguments)
         for what, build in no_files().items():
             yield Case(f"{suffix} is {what}", "gyro", instead(f"x.{suffix}", build), arguments)
     yield from _references()
     yield from _settings()
     yield from _small_commands()
-
-
-def _file(name: str, data: Data) -> Change:
-    return (lambda folder: content(name, data())(folder)) if callable(data) else content(name, data)
 
 
 # Arrays of NumPy
@@ -120,7 +112,7 @@ def _npzs() -> dict[str, Data]:
         "dates of the year 1e9": _npz(table | {"time_s": _npy(np.arange(20).astype("M8[Y]") + 10**9)}),
         "a member with ..": _npz(table | {"../../x": _npy(TIME)}),
         "a member with an escape": _npz(table | {"\x1b[2J": _npy(TIME)}),
-        "10000 members": _npz({f"a{k}": b"" for k in range(10_000)}),
+        "10000 members": lambda: _npz({f"a{k}": b"" for k in range(10_000)}),
         "encrypted": _npz(table).replace(b"\x14\0\0\0\0\0", b"\x14\0\x01\0\0\0"),
     }
 
@@ -377,7 +369,7 @@ def _references() -> Iterator[Case]:
     yield Case(
         "reference: a million rows",
         "gyro",
-        content("r.csv", "\n".join([header, *(row.format(1e-4 * k) for k in range(1_000_000))])),
+        content("r.csv", lambda: "\n".join([header, *(row.format(1e-4 * k) for k in range(1_000_000))])),
         arguments,
     )
     for what, build in no_files().items():

@@ -20,13 +20,14 @@ from spinfilters.run.estimation import (
 )
 from spinfilters.run.preparation import prepare
 from spinfilters.run.run_folder import mark_run_folder, write_run
-from spinfilters.settings.run_settings import InitialisationOptions, Settings
+from spinfilters.settings.run_settings import FILTER, InitialisationOptions, Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 
 NAMES = ("mekf", "ukf")
-SETTINGS = Settings(estimators=NAMES, initialisation=InitialisationOptions(epochs=20, share=0.45))
+FIRST = InitialisationOptions(epochs=20, share=0.45)
+SETTINGS = Settings(estimators=NAMES, initialisation=FIRST, verdict=FILTER)
 EVERY_FRAME = CheckpointInterval(0.0, np.inf)
-UNBOUNDED = ComparisonExtent(bounding=without_bounds)
+UNBOUNDED = ComparisonExtent(bounding=without_bounds, rehearsing=None)
 SAME_FILES = ("trajectory.csv", "trajectory.tum", "map.ply")
 
 

@@ -24,7 +24,7 @@ from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.run.preparation import prepare
 from spinfilters.run.run_summary import summary
-from spinfilters.settings.run_settings import InitialisationOptions, Settings
+from spinfilters.settings.run_settings import FILTER, InitialisationOptions, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 SEEDS, BIAS_STD, WIDE_STD, GYRO_STD = 12, 0.003, 0.02, 0.002
@@ -97,7 +97,9 @@ def last_errors(kind: str) -> dict[str, LastErrors]:
     """Of every estimator over all seeds, in one pass."""
     totals, blocks = defaultdict(list), defaultdict(lambda: defaultdict(list))
     for seed in range(SEEDS):
-        for history, squares, total in compared(kind, dataset(kind, seed), WITH_BIAS):
+        for history, squares, total in compared(
+            kind, dataset(kind, seed), replace(WITH_BIAS, verdict=FILTER)
+        ):
             totals[history.name].append(total)
             for block, square in squares.items():
                 blocks[history.name][block].append(square)
@@ -111,7 +113,6 @@ def last_errors(kind: str) -> dict[str, LastErrors]:
     }
 
 
-@pytest.mark.usefixtures("few_mass_samples")
 @pytest.mark.parametrize("kind", [GYRO, BESIDE_POSES])
 def test_nees_of_the_bias_of_other_blocks_and_of_all_lies_in_its_band(kind: str) -> None:
     found = last_errors(kind)
@@ -123,14 +124,15 @@ def test_nees_of_the_bias_of_other_blocks_and_of_all_lies_in_its_band(kind: str)
             assert low < values.mean() < high, (estimator, name)
 
 
-@pytest.mark.usefixtures("few_mass_samples")
 @pytest.mark.parametrize("kind", [GYRO, BESIDE_POSES])
 def test_without_the_block_a_biased_gyro_makes_the_rate_overconfident(kind: str) -> None:
     squares = [
         blocks["w"]
         for seed in range(3)
         for _, blocks, _ in compared(
-            kind, dataset(kind, seed, 8.0), replace(WITHOUT, estimators=("mekf", "smoother"))
+            kind,
+            dataset(kind, seed, 8.0),
+            Settings(estimators=("mekf", "smoother"), verdict=FILTER),
         )
     ]
     assert np.mean(squares) > 3 * chi_square_band(3, 3)[1]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.text import Text
+from plain_comparison import plain_comparison
 
 from spinfilters.cli.main import main
 from spinfilters.core.attitude_conversions import multiply, quaternion_from_rotation_vector, rotate
@@ -29,12 +30,11 @@ from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 from spinfilters.plots.figures import drawn_figure
-from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.run.estimation import Comparison
 from spinfilters.run.preparation import prepare
 from spinfilters.run.readers import read_dataset
 from spinfilters.run.run_folder import DECISIVE, figure_data_of
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.inspector import CIRCLE_PERIOD
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.smoother.priors import FirstStatePrior
@@ -50,8 +50,15 @@ INSPECTOR_RATE = 2 * np.pi / CIRCLE_PERIOD
 
 
 def compared(dataset: Dataset, *names: str) -> Comparison:
-    """All estimators on a data set."""
-    return compare_dataset(dataset, Settings(estimators=names or ("mekf", "ukf", "smoother")))
+    """All estimators on a data set, with the tests of their models."""
+    return plain_comparison(dataset, Settings(estimators=names or ("mekf", "ukf", "smoother")))
+
+
+def estimated(dataset: Dataset, *names: str) -> Comparison:
+    """The same without the tests of their models, where errors are looked at or what a recording itself shows."""
+    return plain_comparison(
+        dataset, Settings(estimators=names or ("mekf", "ukf", "smoother"), verdict=FILTER)
+    )
 
 
 def moved(dataset: Dataset, inspector: MeasurementStream | None) -> Dataset:
@@ -126,13 +133,13 @@ def test_initial_poses_are_those_of_the_body_not_of_the_inspector(known_map: boo
 @cache
 def static_comparison() -> Comparison:
     """Of an inspector that no file speaks of."""
-    return compared(without_map(simulate(STATIC)))
+    return estimated(without_map(simulate(STATIC)))
 
 
 @cache
 def circling_comparison() -> Comparison:
     """Of one that flies about the body."""
-    return compared(without_map(simulate(CIRCLING)))
+    return estimated(without_map(simulate(CIRCLING)))
 
 
 def test_a_file_of_identities_gives_what_no_file_gives() -> None:
@@ -140,7 +147,7 @@ def test_a_file_of_identities_gives_what_no_file_gives() -> None:
     identity = np.tile([0.0, 0, 0, 0, 0, 0, 1], (2, 1))
     known = moved(dataset, MeasurementStream("pose", np.array([0.0, 100.0]), identity))
     exact = {**dataset.options.calibration, **exact_calibration(("stereo",), inspector=True)}
-    here = compared(replace(known, options=replace(known.options, calibration=exact)))
+    here = estimated(replace(known, options=replace(known.options, calibration=exact)))
     for one, other in zip(here.evaluations, static_comparison().evaluations, strict=True):
         np.testing.assert_allclose(one.history.mean, other.history.mean, rtol=1e-9, atol=1e-10)
         np.testing.assert_allclose(one.history.factor, other.history.factor, rtol=1e-6, atol=1e-9)
@@ -170,7 +177,7 @@ def test_an_inspector_at_rest_elsewhere_gives_the_same_errors() -> None:
     )
     pose = np.tile(np.concatenate([t_ic, q_ic]), (2, 1))
     inspector = MeasurementStream("pose", np.array([0.0, 100.0]), pose)
-    found = compared(replace(dataset, truth=there, inspector=inspector), "mekf", "smoother").evaluations
+    found = estimated(replace(dataset, truth=there, inspector=inspector), "mekf", "smoother").evaluations
     static_ones = {each.name: each for each in static_comparison().evaluations}
     for here, static in ((each, static_ones[each.name]) for each in found):
         np.testing.assert_allclose(rms(here), rms(static), rtol=0.02)
@@ -187,14 +194,17 @@ def test_a_circling_inspector_tells_as_much_as_one_at_rest() -> None:
 
 def test_without_its_trajectory_a_circling_inspector_is_taken_for_a_rotation_of_the_body() -> None:
     dataset = without_map(simulate(CIRCLING))
-    told, (untold,) = circling_comparison().evaluations[0], compared(moved(dataset, None), "mekf").evaluations
+    told, (untold,) = (
+        circling_comparison().evaluations[0],
+        estimated(moved(dataset, None), "mekf").evaluations,
+    )
     assert rms(told)[3] < 0.1 * INSPECTOR_RATE
     assert rms(untold)[3] > 0.5 * INSPECTOR_RATE
 
 
 def test_one_circling_camera_tells_the_motion_before_a_known_map() -> None:
     scenario = replace(CIRCLING, kind="mono-tracks", landmarks=200, epochs=40, pixel_std=0.5)
-    for evaluation in compared(simulate(scenario), "mekf", "smoother").evaluations:
+    for evaluation in estimated(simulate(scenario), "mekf", "smoother").evaluations:
         assert not evaluation.history.has_failed
         assert evaluation.nees is not None
         assert 0.4 < evaluation.nees.mean < 2.0
@@ -259,11 +269,11 @@ def test_late_poses_of_an_inspector_are_named_with_their_delay() -> None:
 
 
 def test_sparse_poses_are_told_with_the_cure_and_dense_ones_are_not() -> None:
-    (sparse,) = compared(swaying(inspector_errors=(("sparse", 4.0),)), "mekf").evaluations
+    (sparse,) = estimated(swaying(inspector_errors=(("sparse", 4.0),)), "mekf").evaluations
     (reason,) = (each for each in sparse.history.status.reasons if "too sparse" in each)
     assert "4 s apart" in reason
     assert "inspector.tum" in reason
-    (dense,) = compared(swaying(), "mekf").evaluations
+    (dense,) = estimated(swaying(), "mekf").evaluations
     assert not any("too sparse" in each for each in dense.history.status.reasons)
 
 
@@ -287,8 +297,8 @@ def test_what_no_residual_shows_of_an_inspector_is_in_the_deviations() -> None:
     exact = {f"inspector_{name}_std": 0.0 for name in names}
     found = {}
     for name, calibration in (("assumed", {}), ("exact", exact)):
-        settings = Settings(estimators=("mekf", "smoother"), calibration=calibration)  # pyright: ignore[reportArgumentType]
-        for each in compare_dataset(drifting, settings).evaluations:
+        settings = Settings(estimators=("mekf", "smoother"), calibration=calibration, verdict=FILTER)  # pyright: ignore[reportArgumentType]
+        for each in plain_comparison(drifting, settings).evaluations:
             velocity = each.history.layout.slice("v")
             found[name, each.name] = np.linalg.norm(each.history.factor[-1, velocity], axis=1)
     for name in ("mekf", "smoother"):
@@ -311,7 +321,7 @@ def test_poses_that_repeat_while_the_camera_moves_are_told_with_their_time() -> 
     values = right.inspector.values.copy()
     values[40:] = values[40]
     frozen = moved(right, replace(right.inspector, values=values))
-    for each in compared(frozen, "mekf").evaluations:
+    for each in estimated(frozen, "mekf").evaluations:
         (reason,) = (each for each in each.history.status.reasons if "repeats its pose" in each)
         assert f"t = {right.inspector.time[40]:.3f} s to {right.inspector.time[-1]:.3f} s" in reason
 

@@ -14,7 +14,7 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.run.estimation import Comparison
 from spinfilters.run.preparation import prepare
 from spinfilters.run.readers import read_dataset
-from spinfilters.settings.run_settings import ProcessSettings, Settings
+from spinfilters.settings.run_settings import FILTER, ProcessSettings, Settings
 
 FILTERS = Settings(estimators=("mekf", "ukf"))
 PHONE = "round1/Gyroscope rotation rate 2025-01-16 17-10-11"
@@ -76,7 +76,7 @@ def prediction_errors(run: Comparison, evaluation: Evaluation) -> Float[np.ndarr
 
 def test_throws_of_a_racquet_agree_and_need_drag(shared_data: Callable[[str], Path]) -> None:
     folder = shared_data("racquet_phyphox") / "data" / RACQUET
-    with_drag = Settings(estimators=("mekf",), process=ProcessSettings(drag=True))
+    with_drag = Settings(estimators=("mekf",), process=ProcessSettings(drag=True), verdict=FILTER)
     without = replace(with_drag, process=ProcessSettings(drag=False))
     moments, ratios = [], []
     for number in range(6):
@@ -97,7 +97,7 @@ def test_throws_of_a_racquet_agree_and_need_drag(shared_data: Callable[[str], Pa
 
 def test_tracks_made_elsewhere_give_their_body_and_attitude(shared_data: Callable[[str], Path]) -> None:
     dataset = read_dataset(shared_data("disam115") / "rich-0")
-    run = compared(dataset, replace(FILTERS, process=ProcessSettings(force_psd=1e-6)))
+    run = compared(dataset, replace(FILTERS, process=ProcessSettings(force_psd=1e-6), verdict=FILTER))
     true_moments = np.sort([1.0322, 1.0, 0.8596]) / 1.0322
     for evaluation in run.evaluations:
         np.testing.assert_allclose(evaluation.body.principal_moments, true_moments, atol=0.01)
