@@ -16,6 +16,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.headings import heading_of
 from spinfilters.io.input_file import (
     MAX_TABLE_ROWS,
     ignored_warnings,
@@ -28,7 +29,6 @@ from spinfilters.io.input_file import (
 )
 from spinfilters.io.json_tables import chosen_table, parsed_json
 from spinfilters.io.memory_tables import array_columns
-from spinfilters.io.motion_columns import heading_of
 from spinfilters.io.motion_file import bare_quantity, motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
@@ -158,9 +158,20 @@ def _hdf5(path: Path, stated: Sequence[str]) -> ArrayColumns:
         sets = _number_sets(file)
         _require_size(path, sum(8 * each.size for each in sets.values()))
         arrays = {f"{name}{_stated_unit(each)}": np.asarray(each[()]) for name, each in sets.items()}
+    arrays = _parted_records(arrays)
     if is_matlab:
         arrays = {name: array.T for name, array in arrays.items()}
     return _columns_of(path, _by_last_name(arrays), stated)
+
+
+def _parted_records(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays, those of records as the arrays of their fields of numbers."""
+    found: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        fields = array.dtype.names
+        own = {name: array} if fields is None else {f"{name}.{field}": array[field] for field in fields}
+        found |= {each: held for each, held in own.items() if held.dtype.kind in "iuf"}
+    return found
 
 
 _NO_UNIT: Final = frozenset({"", "1", "-", "none", "unitless", "dimensionless", "n/a"})
@@ -194,7 +205,7 @@ def _number_sets(group: Any, before: str = "") -> dict[str, Any]:
         held, kind = group[name], group.get(name, getclass=True)
         if kind is h5py.Group and before.count(".") < _DEEPEST_GROUP:
             found |= _number_sets(held, f"{before}{name}.")
-        elif kind is h5py.Dataset and held.dtype.kind in "iuf" and held.shape:
+        elif kind is h5py.Dataset and (held.dtype.kind in "iuf" or held.dtype.names) and held.shape:
             is_text = bytes(held.attrs.get("MATLAB_class", b"")) == b"char"
             found |= {} if held.is_virtual or held.external or is_text else {f"{before}{name}": held}
     return found

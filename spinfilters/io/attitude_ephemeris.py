@@ -1,4 +1,4 @@
-"""Attitude ephemerides of spacecraft: STK's .a, and the AEM of CCSDS as text (KVN) and as XML."""
+"""Attitude ephemerides of spacecraft: STK's .a, the AEM of CCSDS as text (KVN) and as XML, and its ACM."""
 
 import re
 from collections.abc import Sequence
@@ -68,7 +68,7 @@ def _rows(path: Path) -> list["_Attitude"]:
     if data.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"<"):
         return _xml_rows(path)
     lines = data.decode("utf-8", "replace").splitlines()
-    is_ccsds = any(line.lstrip().startswith("CCSDS_AEM_VERS") for line in lines[:20])
+    is_ccsds = any(line.lstrip().startswith(("CCSDS_AEM_VERS", "CCSDS_ACM_VERS")) for line in lines[:20])
     return _ccsds_rows(path, lines) if is_ccsds else _stk_rows(path, lines)
 
 
@@ -123,9 +123,9 @@ def _ccsds_rows(path: Path, lines: Sequence[str]) -> list[_Attitude]:
         words = line.split()
         if matched := _KEY.fullmatch(line):
             stated[matched[1].upper()] = matched[2].upper()
-        elif words[:1] == ["DATA_START"]:
+        elif words[:1] in (["DATA_START"], ["ATT_START"]):
             is_data = True
-        elif words[:1] == ["DATA_STOP"]:
+        elif words[:1] in (["DATA_STOP"], ["ATT_STOP"]):
             is_data = False
         elif is_data and words and words[0] != "COMMENT":
             rows.append(_Attitude(number, _ccsds_row(path, number, words, stated)))
@@ -151,12 +151,12 @@ def _xml_rows(path: Path) -> list[_Attitude]:
 
 
 def _ccsds_row(path: Path, line: int, words: Sequence[str], stated: dict[str, str]) -> tuple[float, ...]:
-    if not stated.get("ATTITUDE_TYPE", "").startswith("QUATERNION"):
-        kind = stated.get("ATTITUDE_TYPE", "none")
+    kind = stated.get("ATTITUDE_TYPE", stated.get("ATT_TYPE", "none"))
+    if not kind.startswith("QUATERNION"):
         raise InputError(
             f"{path_text(path)}: ATTITUDE_TYPE is {value_text(kind)}; export attitudes as QUATERNION"
         )
-    time = seconds_of_clock(words[0])
+    time = _ccsds_time(words[0], stated)
     if time is None:
         raise InputError(
             f"{path_text(path)}: line {line}: {value_text(words[0])} is no date; correct the line"
@@ -165,6 +165,16 @@ def _ccsds_row(path: Path, line: int, words: Sequence[str], stated: dict[str, st
     if stated.get("QUATERNION_TYPE", "LAST") == "FIRST":
         q = [*q[1:], q[0]]
     return (time, *(q if _is_to_body(path, stated) else [-q[0], -q[1], -q[2], q[3]]))
+
+
+def _ccsds_time(word: str, stated: dict[str, str]) -> float | None:
+    """Seconds of a date, or of the seconds from the epoch of an ACM; None of another word."""
+    if (time := seconds_of_clock(word)) is not None or "EPOCH_TZERO" not in stated:
+        return time
+    try:
+        return parse_number(word)
+    except ValueError:
+        return None
 
 
 def _is_to_body(path: Path, stated: dict[str, str]) -> bool:

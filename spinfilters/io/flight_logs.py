@@ -17,9 +17,9 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.headings import Quantity
 from spinfilters.io.input_file import path_text, printable, read_bytes, value_text
 from spinfilters.io.logger_names import understood_names
-from spinfilters.io.motion_columns import Quantity
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns

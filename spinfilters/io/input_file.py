@@ -145,7 +145,13 @@ def parse_number(text: str | bytes) -> float:
     try:
         return float(text)
     except ValueError:
+        if isinstance(text, str) and _FORTRAN.fullmatch(text.strip()):
+            return float(text.lower().replace("d", "e"))
         raise ValueError(f"{value_text(text)} is no number") from None
+
+
+_FORTRAN: Final = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)[dD][-+]?\d{1,3}")
+"""A number of double precision as Fortran writes it: 0.25D+01."""
 
 
 def first_text(path: Path, size: int) -> str:

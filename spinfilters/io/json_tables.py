@@ -7,14 +7,14 @@ decide which of them describes a motion.
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, TypeGuard
 
 from spinfilters.core.errors import InputError
+from spinfilters.io.headings import heading_of
 from spinfilters.io.input_file import path_text, reason, value_text
 from spinfilters.io.logger_names import GOPRO_ORDER, understood_names
-from spinfilters.io.motion_columns import heading_of
 from spinfilters.io.stated_values import SAMPLING_RATE, ReadingOptions, to_state
 
 _DEEPEST: Final = 8
@@ -40,6 +40,7 @@ _RATES: Final = (
     "samplefrequency",
     "samplingfrequency",
     "frequency",
+    "fs",
     "hz",
     "odr",
 )
@@ -123,6 +124,9 @@ def chosen_table(path: Path, document: Any, options: ReadingOptions) -> JsonTabl
         raise InputError(
             f"{path_text(path)}: holds no table of numbers; save a clock and body rates, or poses"
         )
+    rates = set(_rates_within(document, 0))
+    if len(rates) == 1:  # that of all tables without one of their own
+        found = [table if table.rate is not None else replace(table, rate=min(rates)) for table in found]
     moving = [table for table in found if table.is_motion]
     if len(moving) > 1:
         listed = ", ".join(value_text(table.place) for table in moving[:6])
@@ -237,6 +241,15 @@ def _rate_beside(above: Mapping[str, Any]) -> float | None:
         if is_rate and isinstance(value, int | float) and value in SAMPLING_RATE:
             return float(value)
     return None
+
+
+def _rates_within(node: Any, depth: int) -> Iterator[float]:
+    """Rates that a document states at any depth outside of its rows, Hz."""
+    if isinstance(node, dict) and depth <= _DEEPEST:
+        if (rate := _rate_beside(node)) is not None:
+            yield rate
+        for value in node.values():
+            yield from _rates_within(value, depth + 1)
 
 
 def _of_rows(

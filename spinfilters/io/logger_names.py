@@ -91,8 +91,11 @@ _CRAZYFLIE: Final = ("stabilizer.", "stateEstimate.", "kalman.", "pm.vbat", "bar
 """Groups of the log of a Crazyflie, whose gyro is in deg/s."""
 _MAVLINK: Final = ("xgyro", "ygyro", "zgyro")
 _GMAT_CLOCK: Final = re.compile(r"\w+\.(?:ElapsedSecs|\w+Gregorian|\w+ModJulian)$")
-_MATRIX: Final = re.compile(r"(?:r|rot|rotation|rotmat|mat|matrix)_?\[?([0-3])\]?[\[_,]*([0-3])\]?")
+_MATRIX: Final = re.compile(
+    r"(?:r|rot|rotation|rotmat|mat|matrix|t|tf|transform|pose)_?\[?([0-3])\]?[\[_,]*([0-3])\]?"
+)
 """An element of a rotation matrix, with its row and column counted from 0 or 1; of body to inertial, as an R and not a DCM is."""
+_SHAPES: Final = ((3, 3), (3, 4), (4, 4))
 _CALENDAR: Final = ("year", "month", "day")
 _PX4_QUATERNION: Final = ("q[0]", "q[1]", "q[2]", "q[3]")
 """Scalar first where it stands with the attitude's reset counter or the sample's time stamp."""
@@ -233,11 +236,11 @@ def _with_matrix(names: list[str]) -> list[str]:
             if name >= 0:
                 found[name] = f"p{axis} (mm)"
     base = min((min(place) for place in places), default=0)
-    if {(row - base, column - base) for row, column in places} == {
-        (r, c) for r in range(3) for c in range(3)
-    }:
-        for (row, column), k in places.items():
-            found[k] = f"matrix_{'xyz'[row - base]}{'xyz'[column - base]}"
+    held = {(row - base, column - base): k for (row, column), k in places.items()}
+    if set(held) in [{(r, c) for r in range(rows) for c in range(columns)} for rows, columns in _SHAPES]:
+        for (row, column), k in held.items():  # the fourth row of [R t] is 0 0 0 1
+            found[k] = f"p{'xyz'[row]}" if column == 3 and row < 3 else ""
+            found[k] = f"matrix_{'xyz'[row]}{'xyz'[column]}" if max(row, column) < 3 else found[k]
     return found
 
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import refuse
+from spinfilters.io.headings import Quantity, heading_of
 from spinfilters.io.input_file import MAX_TABLE_ROWS, path_text, reason, value_text
 from spinfilters.io.measurement_log import MeasurementStream
-from spinfilters.io.motion_columns import Quantity, heading_of
 from spinfilters.io.motion_table import MotionTable, motion_of
 from spinfilters.io.named_columns import ArrayColumns
 from spinfilters.io.repeated_rows import without_repeated_rows

@@ -13,10 +13,10 @@ from jaxtyping import Float
 from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
+from spinfilters.io.headings import Quantity, heading_of
 from spinfilters.io.input_file import first_text, path_text, printable
 from spinfilters.io.logger_names import understood_names
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.io.motion_columns import Quantity, heading_of
 from spinfilters.io.motion_table import MotionTable, read_motion_table, rotations_of
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
 from spinfilters.io.sensor_tables import LATEST_SECONDS, TUM_COLUMNS, read_tum, require_clock

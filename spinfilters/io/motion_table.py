@@ -12,19 +12,11 @@ from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
+from spinfilters.io.headings import SECONDS, TICKS, TIME_UNITS, Quantity, is_unit_of_time, parts_of, words_of
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
-from spinfilters.io.motion_columns import (
-    EXAMPLE,
-    KNOWN_UNITS,
-    SECONDS,
-    TICKS,
-    MotionColumns,
-    Quantity,
-    VectorColumns,
-    motion_columns,
-)
-from spinfilters.io.named_columns import NamedColumns, TextColumns, as_measured, numbers_of
+from spinfilters.io.motion_columns import EXAMPLE, KNOWN_UNITS, MotionColumns, VectorColumns, motion_columns
+from spinfilters.io.named_columns import NamedColumns, RenamedColumns, TextColumns, as_measured
 from spinfilters.io.sensor_tables import require_clock, require_turns
 from spinfilters.io.stated_values import (
     CLOCK_UNITS,
@@ -37,7 +29,14 @@ from spinfilters.io.stated_values import (
 )
 from spinfilters.io.table_layout import read_layout
 from spinfilters.io.text_table import Table
-from spinfilters.io.unnamed_columns import how_to_name, is_certain, proposed_columns
+from spinfilters.io.unnamed_columns import (
+    MOST_COLUMNS,
+    RATE_NAMES,
+    how_to_name,
+    is_certain,
+    proposed_columns,
+    proved_columns,
+)
 
 SLOWEST: Final = 1.0
 FASTEST: Final = 8000.0
@@ -156,7 +155,12 @@ class MotionTable:
 def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None = None) -> MotionTable:
     """Poses, attitudes or body rates of a text table. See `motion_of`; InputError: as `read_layout`, too."""
     options.require_only(("unit", "clock", "rate", "columns", "topic"), "a table")
-    source = TextColumns(path, read_layout(path, options.column_names))
+    source: NamedColumns = TextColumns(path, read_layout(path, options.column_names))
+    if bare == "rate" and "angularvelocity" in re.sub(
+        r"[^a-z]", "", path.stem.lower()
+    ):  # by convention in rad/s
+        axes = {axis: f"angular_velocity_{axis}" for axis in "xyz"}
+        source = RenamedColumns(source, tuple(axes.get(name.lower(), name) for name in source.names))
     return motion_of(source, options, bare if options.columns is None else bare or "rate")
 
 
@@ -179,7 +183,15 @@ def motion_of(source: NamedColumns, options: ReadingOptions, bare: Quantity | No
         doubt or contradicts what is stated; numbers out of their range.
     """
     source = as_measured(source)
-    columns = motion_columns(source.path, source.names, options, bare, lambda k: _is_date(source, k))
+    columns = motion_columns(
+        source.path, source.names, options, bare, lambda found: _preferred_clocks(source, found)
+    )
+    if columns.time is None and options.rate is None and source.stated_rate is None:
+        columns = replace(columns, time=_clock_by_numbers(source, columns))
+    if not {"rate", "quaternion", "matrix", "mrp"} & columns.vectors.keys() and options.columns is None:
+        renamed = _proved(source, columns)
+        if renamed is not None:
+            return _with_remark(motion_of(renamed, options, bare))
     if source.stated_rate is not None and options.rate is None and not _has_clock(source, columns):
         counters = [(k, SAMPLES) for k, name in enumerate(source.names) if name.lower() in COUNTERS]
         columns = replace(columns, time=next(iter(counters), None))
@@ -187,6 +199,126 @@ def motion_of(source: NamedColumns, options: ReadingOptions, bare: Quantity | No
     quantity = _quantity(source, columns, options, bare)
     return (
         _rates(source, columns, options) if quantity == "rate" else _poses(source, columns, options, quantity)
+    )
+
+
+_SAME_COURSE: Final = 1e-3
+"""Of a step, by which two clocks of the same samples may differ once their units and beginnings are the same."""
+
+
+_FEWEST_ALIKE: Final = 20
+"""Rows, in fewer of which a rate may run as a clock does."""
+
+
+def _preferred_clocks(source: NamedColumns, columns: Sequence[int]) -> Sequence[int]:
+    """Of several columns called as clocks those of dates, else only the first if all of them rise and run alike."""
+    if dated := [column for column in columns if _is_date(source, column)]:
+        return dated
+    tables = {column: table for column in columns if (table := _keys(source, column)) is not None}
+    rising = {k: table.values[:, 0] for k, table in tables.items() if _rises(table.values[:, 0])}
+    if len(rising) < len(columns) or min(map(len, rising.values())) < _FEWEST_ALIKE:
+        return columns
+    courses = [(stamps - stamps[0]) / (stamps[-1] - stamps[0]) for stamps in rising.values()]
+    limit = _SAME_COURSE / len(courses[0])
+    are_alike = all(len(c) == len(courses[0]) and np.abs(c - courses[0]).max() < limit for c in courses)
+    return columns[:1] if are_alike else columns
+
+
+_CLOCK_WORD: Final = re.compile(
+    r".*(?:time(?!out)|stamp|clock|epoch|elapsed|ticks).*|tow|itow|t|tt|tsec|mjd|jd|utc|gps|sec|secs|seconds|millis|micros|nanos"
+)
+"""Words of a clock, in any name."""
+_NOT_CLOCK: Final = frozenset(
+    {"delta", "dt", "diff", "period", "exposure", "rate", "step", "steps", "offset", "delay", "latency"}
+)
+
+
+def _clock_by_numbers(source: NamedColumns, columns: MotionColumns) -> tuple[int, str] | None:
+    """Index and unit of the only column of dates, or of one that rises and has the word for a clock in its name, or no name at all.
+
+    None where no column is such, or several are. Of those that state their unit, and of them in seconds, the first is taken.
+    """
+    taken = {k for vector in columns.vectors.values() for k in vector.indices}
+    free = [k for k in range(min(len(source.names), MOST_COLUMNS)) if k not in taken]
+    named, dated = [], []
+    for k in free:
+        words, unit = words_of(source.names[k]), parts_of(source.names[k])[1]
+        if unit and not is_unit_of_time(unit):
+            continue
+        is_named = any(map(_CLOCK_WORD.fullmatch, words)) and not _NOT_CLOCK & set(words)
+        is_index = k == 0 and (not words or words[0] in ("index", "unnamed"))
+        table = _keys(source, k)
+        if table is None or not _rises(table.values[:, 0]):
+            continue
+        if table.is_dated:
+            dated.append((k, ""))
+        elif is_named or (is_index and (table.values[:, 0] != np.round(table.values[:, 0])).any()):
+            spelled = {
+                TIME_UNITS[word] for word in words_of(source.names[k].replace("(", " ")) if word in TIME_UNITS
+            }
+            named.append((k, spelled.pop() if len(spelled) == 1 else ""))
+    for found in (
+        [each for each in named if each[1] == "s"],
+        [each for each in named if each[1]],
+        dated,
+        named,
+    ):
+        if len(found) == 1 or (found and found[0][1]):
+            return found[0]
+    return None
+
+
+def _keys(source: NamedColumns, column: int) -> Table | None:
+    """A column that may be a clock; None of one with other cells than numbers or dates."""
+    try:
+        table = source.read([column], keys=1)
+    except InputError:
+        return None
+    return table if len(table.values) > 2 else None
+
+
+def _rises(stamps: Float[np.ndarray, " n"]) -> bool:
+    """Whether stamps never fall, but where a counter begins again, and do not stay."""
+    steps = np.diff(_unwrapped(stamps))
+    return bool((steps >= 0).all() and 2 * np.count_nonzero(steps) > len(steps))
+
+
+def _proved(source: NamedColumns, columns: MotionColumns) -> NamedColumns | None:
+    """Columns by the names that their numbers prove: rates are the derivative of the quaternion beside them, in one order only."""
+    if not source.takes_names:
+        return None
+    clock = None if columns.time is None else columns.time[0]
+    names = proved_columns(_head(source), clock)
+    if names is None:
+        return None
+    own = "t" if clock is None else source.names[clock]
+    return RenamedColumns(
+        source, tuple(own if name == "t" else "" if name == "-" else name for name in names)
+    )
+
+
+def _head(source: NamedColumns) -> Float[np.ndarray, "n m"]:
+    """First rows of a table, none of one of thousands of columns, whose names nobody states."""
+    return source.head() if len(source.names) <= MOST_COLUMNS else np.empty((0, 0))
+
+
+def _proved_unit(source: NamedColumns, columns: MotionColumns) -> str:
+    """Unit of rates in which they are the derivative of the quaternion beside them; empty where that shows none."""
+    clock = None if columns.time is None else columns.time[0]
+    names = proved_columns(_head(source), clock)
+    if names is None:
+        return ""
+    own = {names[k] for k in columns.vectors["rate"].indices}
+    return next((unit for unit, called in RATE_NAMES.items() if own == set(called)), "")
+
+
+def _with_remark(table: MotionTable) -> MotionTable:
+    return replace(
+        table,
+        remarks=(
+            *table.remarks,
+            "columns named by their numbers: the rates are the derivative of the quaternion",
+        ),
     )
 
 
@@ -203,7 +335,10 @@ def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | Non
 def _rates(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     vector, remarks = columns.vectors["rate"], []
     table = _read_quantities(source, columns, ("rate",))
-    unit = _rate_unit(table, vector, options, _unit_of_logger(source.names, table))
+    by_logger = _unit_of_logger(source.names, table)
+    if not (vector.unit or options.unit or by_logger):
+        by_logger = _proved_unit(source, columns)
+    unit = _rate_unit(table, vector, options, by_logger)
     if {"quaternion", "matrix", "mrp"} & columns.vectors.keys():
         remarks.append("attitudes left out: an inertial unit makes them of its rates")
     _require_measurable(table, unit, bool(vector.unit) or options.unit is not None)
@@ -216,6 +351,8 @@ def _rates(source: NamedColumns, columns: MotionColumns, options: ReadingOptions
         remarks.append(f"{table.incomplete} rows without rates left out")
     if clock != "s":
         remarks.append(clock)
+    if not (vector.unit or options.unit or vector.is_si or by_logger):
+        remarks.append(f"rates in {unit}, because no gyro measures as many rad/s")
     with table.naming_lines():
         stream = MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
     return MotionTable(stream, _acceleration(source, columns, options), tuple(remarks))
@@ -373,7 +510,9 @@ def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, by_
         raise InputError(
             f"{path_text(table.path)}: holds body rates, and the stated unit is {options.unit}; give one of {', '.join(RATE_UNITS)}"
         )
-    unit = vector.unit or options.unit or by_logger or ("rad/s" if vector.is_si else "")
+    unit = (
+        vector.unit or options.unit or by_logger or ("rad/s" if vector.is_si else _only_plausible_unit(table))
+    )
     if not unit:
         largest = float(np.abs(table.values[:, -3:]).max())
         raise InputError(
@@ -381,6 +520,20 @@ def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, by_
             f"(largest {largest:.4g}); give {to_state('unit', 'deg/s or rad/s')}, or name them so (gyro_x_dps)"
         )
     return unit
+
+
+_OF_COUNTS: Final = re.compile(r"adc|raw|count|lsb", re.IGNORECASE)
+
+
+def _only_plausible_unit(table: Table) -> str:
+    """Degrees, of rates that are too fast for a gyro in rad/s and not in deg/s; empty of others, and of counts."""
+    rates = table.values[:, -3:]
+    largest = float(np.abs(rates).max())
+    is_count = bool((rates == np.round(rates)).all()) or any(
+        _OF_COUNTS.search(name) for name in table.names[-3:]
+    )
+    is_fast = MOTION_TABLE_FASTEST < largest < MOTION_TABLE_FASTEST / RATE_UNITS["deg/s"]
+    return "deg/s" if is_fast and not is_count else ""
 
 
 def _length_unit(table: Table, vector: VectorColumns, options: ReadingOptions) -> str:
@@ -550,7 +703,7 @@ def _or_names(source: NamedColumns, columns: MotionColumns, options: ReadingOpti
         or {"rate", "quaternion", "matrix", "mrp"} & columns.vectors.keys()
     ):
         return ""
-    rows, are_numbered = numbers_of(source), len({re.sub(r"\d+", "", name) for name in source.names}) == 1
+    rows, are_numbered = _head(source), len({re.sub(r"\d+", "", name) for name in source.names}) == 1
     clock = None if columns.time is None else columns.time[0]
     proposed = proposed_columns(rows, clock)
     return f"; or {how_to_name(rows, clock)}" if is_certain(proposed) or (proposed and are_numbered) else ""

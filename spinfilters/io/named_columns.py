@@ -1,5 +1,6 @@
 """Tables with named columns, wherever their numbers come from: a text file, or arrays in memory."""
 
+import itertools
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from spinfilters.io.calendar_clock import seconds_of_clock, seconds_of_dates
 from spinfilters.io.input_file import parse_number, path_text, value_text
 from spinfilters.io.table_layout import TableLayout, data_lines
 from spinfilters.io.text_table import Table, read_columns
-from spinfilters.io.unnamed_columns import MOST_COLUMNS, ROWS
+from spinfilters.io.unnamed_columns import ROWS, number_of_cell
 
 
 class NamedColumns(Protocol):
@@ -38,6 +39,10 @@ class NamedColumns(Protocol):
     @property
     def takes_names(self) -> bool:
         """Whether the user may name its columns by their places."""
+        ...
+
+    def head(self) -> Float[np.ndarray, "n m"]:
+        """First rows of all columns, dates in s, NaN in cells that are no numbers."""
         ...
 
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
@@ -74,6 +79,18 @@ class TextColumns:
         """See `NamedColumns.read`."""
         return read_columns(self.path, self.layout, columns, keys)
 
+    def head(self) -> Float[np.ndarray, "n m"]:
+        """See `NamedColumns.head`."""
+        lines = itertools.islice(data_lines(self.path, self.layout), ROWS)
+        cells = [self.layout.cells(text) for _, text in lines]
+        marks = ("," if self.layout.decimal_comma else ".", ".")
+        whole = [
+            [number_of_cell(cell.replace(*marks)) for cell in row]
+            for row in cells
+            if len(row) == len(self.names)
+        ]
+        return np.array(whole, dtype=np.float64).reshape(-1, len(self.names))
+
 
 @dataclass(frozen=True, eq=False)
 class ArrayColumns:
@@ -104,6 +121,15 @@ class ArrayColumns:
         """See `NamedColumns.stated_rate`."""
         return self.rate
 
+    def head(self) -> Float[np.ndarray, "n m"]:
+        """See `NamedColumns.head`."""
+        rows = np.full((min(len(self.columns[0]), ROWS) if self.columns else 0, len(self.names)), np.nan)
+        for k, column in enumerate(self.columns):
+            first = column[:ROWS]
+            with suppress(InputError):
+                rows[:, k] = (_seconds if _is_dated(first) else _numbers)(self.path, self.names[k], first)
+        return rows
+
     def __post_init__(self) -> None:
         lengths = {name: len(column) for name, column in zip(self.names, self.columns, strict=True)}
         if len(set(lengths.values())) > 1:
@@ -120,7 +146,7 @@ class ArrayColumns:
         if is_dated:
             numbers.insert(0, _seconds(self.path, names[0], self.columns[columns[0]]))
         values = np.column_stack(numbers) if numbers else np.empty((0, 0))
-        measured = ~np.isnan(values[:, keys:]).all(axis=1)
+        measured = ~np.isnan(values[:, keys:]).all(axis=1) | (values.shape[1] <= keys)
         rows, values = np.flatnonzero(measured), values[measured]
         if not len(values):
             raise InputError(f"{path_text(self.path)}: has no rows of numbers; give at least two")
@@ -177,6 +203,10 @@ class RatesOfIncrements:
         """See `NamedColumns.takes_names`."""
         return self.source.takes_names
 
+    def head(self) -> Float[np.ndarray, "n m"]:
+        """See `NamedColumns.head`."""
+        return self.source.head()
+
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
         """See `NamedColumns.read`. InputError: a period that is not positive, too."""
         table = self.source.read([*columns, self.period], keys)
@@ -190,6 +220,46 @@ class RatesOfIncrements:
             if column in self.angles:
                 values[:, place] /= period
         return replace(table, names=tuple(self.names[k] for k in columns), values=values)
+
+
+@dataclass(frozen=True)
+class RenamedColumns:
+    """Columns under other names, as many as they are.
+
+    Attributes
+    ----------
+    source : NamedColumns
+        Its columns.
+    names : tuple[str, ...]
+        See `NamedColumns.names`; empty of columns that are not wanted.
+    """
+
+    source: NamedColumns
+    names: tuple[str, ...]
+
+    @property
+    def path(self) -> Path:
+        """See `NamedColumns.path`."""
+        return self.source.path
+
+    @property
+    def stated_rate(self) -> float | None:
+        """See `NamedColumns.stated_rate`."""
+        return self.source.stated_rate
+
+    @property
+    def takes_names(self) -> bool:
+        """See `NamedColumns.takes_names`; they are known."""
+        return False
+
+    def head(self) -> Float[np.ndarray, "n m"]:
+        """See `NamedColumns.head`."""
+        return self.source.head()
+
+    def read(self, columns: Sequence[int], keys: int = 0) -> Table:
+        """See `NamedColumns.read`."""
+        table = self.source.read(columns, keys)
+        return replace(table, names=tuple(self.names[k] for k in columns))
 
 
 @dataclass(frozen=True)
@@ -227,6 +297,11 @@ class OneOfSeveral:
         """See `NamedColumns.takes_names`."""
         return self.source.takes_names
 
+    def head(self) -> Float[np.ndarray, "n m"]:
+        """See `NamedColumns.head`."""
+        rows = self.source.head()
+        return rows[rows[:, self.number] == rows[0, self.number]] if len(rows) else rows
+
     def read(self, columns: Sequence[int], keys: int = 0) -> Table:
         """See `NamedColumns.read`."""
         table = self.source.read([*columns, self.number], keys)
@@ -237,31 +312,6 @@ class OneOfSeveral:
             lines = [line for line, _ in data_lines(table.path, table.layout)]
         lines = lines if lines is None or len(own) == len(number) else [lines[row] for row in own.tolist()]
         return replace(table, names=table.names[:-1], values=table.values[own, :-1], lines=lines)
-
-
-_MOST_LOOKED_AT: Final = 20_000_000
-"""Numbers of a table that are read again to find out what they are."""
-
-
-def numbers_of(source: NamedColumns) -> Float[np.ndarray, "n m"]:
-    """First rows of all columns, NaN in those that are no numbers; none of a table too large to be read column by column."""
-    found: dict[int, np.ndarray] = {}
-    width = len(source.names)
-    if width > MOST_COLUMNS:
-        return np.empty((0, 0))
-    for column in range(width):
-        with suppress(InputError):
-            values = source.read([column]).values
-            if len(values) * width > _MOST_LOOKED_AT:
-                return np.empty((0, 0))
-            found[column] = values[:ROWS, 0]
-    for column in set(range(width)) - found.keys() if found else ():  # a date is one in front of numbers
-        with suppress(InputError):
-            found[column] = source.read([column, min(found)], keys=1).values[:ROWS, 0]
-    count = max(map(len, found.values()), default=0)
-    nothing = np.full(count, np.nan)
-    columns = [found.get(column, nothing) for column in range(width)]
-    return np.column_stack([each if len(each) == count else nothing for each in columns])
 
 
 _INCREMENTS: Final = ("delta_angle[0]", "delta_angle[1]", "delta_angle[2]")

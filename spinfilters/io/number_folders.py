@@ -1,21 +1,26 @@
-"""Folders whose tables hold numbers without names: the inertial unit of raw KITTI, and the output of the simulator 42."""
+"""Folders whose tables hold numbers without names: the inertial unit of raw KITTI, the output of the simulator 42, and matrices.
+
+Scanners and recorders of depth images write the pose of each image into a text of its own, ``frame-000012.pose.txt``, as a matrix.
+"""
 
 import os
+import re
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.input_file import path_text, read_settings_text, value_text
+from spinfilters.io.input_file import first_text, parse_number, path_text, read_settings_text, value_text
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.motion_file import motion_dataset
-from spinfilters.io.motion_table import MotionTable
+from spinfilters.io.motion_table import MotionTable, rotations_of
 from spinfilters.io.sensor_tables import require_clock
-from spinfilters.io.stated_values import RATE, ReadingOptions
+from spinfilters.io.stated_values import RATE, ReadingOptions, to_state
 from spinfilters.io.table_layout import TableLayout
 from spinfilters.io.text_table import Table, read_blank_separated
 
@@ -86,6 +91,76 @@ def read_simulator_42(path: Path, options: ReadingOptions) -> Dataset:
         )
     rows = np.column_stack([time, values])
     return motion_dataset(path, path.name, _motion("gyro" if is_rates else "attitude", path / file, rows))
+
+
+_NUMBERED: Final = re.compile(r"(.*?)(\d+)((?:\.[A-Za-z_]+)*\.(?:txt|dat|pose|mat|tfm|xf))", re.IGNORECASE)
+_FEWEST_MATRICES: Final = 5
+_LARGEST_MATRIX: Final = 1024
+"""Bytes of a text of one matrix."""
+
+
+def matrix_files(path: Path) -> dict[int, Path]:
+    """Texts of one name in a folder, by their numbers, if the first two hold a matrix 3 x 4 or 4 x 4 each; else none."""
+    found: dict[tuple[str, str], dict[int, Path]] = {}
+    try:
+        files = [each for each in os.scandir(path) if each.is_file()]
+    except OSError:
+        return {}
+    for file in files:
+        if matched := _NUMBERED.fullmatch(file.name):
+            found.setdefault((matched[1], matched[3]), {})[int(matched[2])] = Path(file.path)
+    for own in found.values():
+        first = [own[number] for number in sorted(own)[:2]]
+        if len(own) >= _FEWEST_MATRICES and all(_matrix_of(file) is not None for file in first):
+            return dict(sorted(own.items()))
+    return {}
+
+
+def _matrix_of(file: Path) -> Float[np.ndarray, "3 4"] | None:
+    """[R t] of a text of 12 or 16 numbers, the last four 0 0 0 1; None of another."""
+    text = first_text(file, _LARGEST_MATRIX + 1)
+    try:
+        numbers = np.array([parse_number(cell) for cell in text.replace(",", " ").split()])
+    except ValueError:
+        return None
+    is_whole = numbers.size == 12 or (numbers.size == 16 and bool((numbers[12:] == (0, 0, 0, 1)).all()))
+    return (
+        numbers[:12].reshape(3, 4)
+        if is_whole and np.isfinite(numbers).all() and len(text) <= _LARGEST_MATRIX
+        else None
+    )
+
+
+def read_matrix_folder(path: Path, options: ReadingOptions) -> Dataset:
+    """Poses of the texts of a folder, at the stated rate, in which missing numbers leave gaps.
+
+    InputError: no rate; a text that holds no matrix, or a matrix that is no rotation.
+    """
+    options.require_only(("rate",), "a folder with a matrix in each file")
+    files = matrix_files(path)
+    if options.rate is None:
+        raise InputError(
+            f"{path_text(path)}: has the poses of {len(files)} files and no clock; give {to_state('rate', 'HZ')}"
+        )
+    matrices = [_matrix_of(file) for file in files.values()]
+    wrong = next((file for file, each in zip(files.values(), matrices, strict=True) if each is None), None)
+    if wrong is not None:
+        raise InputError(f"{path_text(wrong)}: is no matrix 3 x 4 or 4 x 4; correct or delete the file")
+    time, names = np.array(list(files)) / options.rate, ("time_s", *(f"T{k // 4}{k % 4}" for k in range(12)))
+    held = np.array(matrices)
+    table = Table(
+        path,
+        TableLayout(names, header_line=0),
+        names,
+        np.column_stack([time, held.reshape(-1, 12)]),
+        list(files),
+        counted="file",
+    )
+    q = quaternion_from_matrix(rotations_of(table, held[:, :, :3]))
+    stream = MeasurementStream("pose", time, np.column_stack([held[:, :, 3], q]))
+    return motion_dataset(
+        path, path.name, MotionTable(stream, None, (f"clock of {options.rate:g} Hz as stated",))
+    )
 
 
 def _motion(sensor: str, path: Path, values: Float[np.ndarray, "n m"]) -> MotionTable:

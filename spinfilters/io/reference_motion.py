@@ -18,9 +18,10 @@ from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import at_times
 from spinfilters.io.calendar_clock import seconds_of_clock
+from spinfilters.io.headings import SECONDS
 from spinfilters.io.input_file import path_text, read_bytes, reason, value_text
 from spinfilters.io.measurement_log import MeasurementLog, freeze_arrays
-from spinfilters.io.motion_columns import KNOWN_UNITS, SECONDS, motion_columns
+from spinfilters.io.motion_columns import KNOWN_UNITS, motion_columns
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.stated_values import ReadingOptions
 from spinfilters.io.truth import TRUTH_COLUMNS, Truth

@@ -6,6 +6,7 @@ that others export begin with settings, have comment lines, quoted cells and sev
 
 import codecs
 import csv
+import itertools
 import math
 import os
 import re
@@ -19,6 +20,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
+    parse_number,
     path_text,
     reason,
     require_file,
@@ -26,7 +28,7 @@ from spinfilters.io.input_file import (
     value_text,
 )
 from spinfilters.io.stated_values import SAMPLING_RATE, to_state
-from spinfilters.io.unnamed_columns import first_rows, how_to_name, numbers_of_lines
+from spinfilters.io.unnamed_columns import first_rows, how_to_name, numbers_of_lines, proved_columns
 
 COMMENTS: Final = ("#", "//", "!")
 """Marks of comment lines in tables of others; '%' begins the header of some exports and is dropped there."""
@@ -41,6 +43,12 @@ _BYTE_ORDER_MARKS = (
 )
 _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
 """Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
+
+
+_RULE = re.compile(r"\s*(?=.*(?:---|===))[-=+|:\s]+")
+"""A line drawn below a header."""
+_WIDE_BLANKS = re.compile(r"\s{2,}|\t")
+"""Between cells that have single blanks in them."""
 
 
 class _NumberedLine(NamedTuple):
@@ -96,7 +104,8 @@ class TableLayout:
         """A line without its break and its comment; empty where no cells are left."""
         text = line.rstrip("\r\n")
         if self.comment is not None:
-            text = "" if text.lstrip().startswith(self.comments) else self._without_comment(text)
+            is_left_out = text.lstrip().startswith(self.comments) or _RULE.fullmatch(text)
+            text = "" if is_left_out else self._without_comment(text)
             return text if text.strip(" \t;,|") else ""
         return text if text.strip() else ""
 
@@ -116,7 +125,7 @@ class TableLayout:
                 cells = next(csv.reader([text], delimiter=self.delimiter or " "), [])
         cells = [cell.strip() for cell in (text.split(self.delimiter) if cells is None else cells)]
         if self.delimiter is None and len(cells) > len(self.names) and self.comments:
-            cells = re.split(r"\s{2,}|\t", text.strip())  # cells with blanks in them, such as dates
+            cells = _WIDE_BLANKS.split(text.strip())  # cells with blanks in them, such as dates
         if self.comments and cells[-1:] == [""] and len(cells) == len(self.names) + 1:
             cells.pop()
         return cells
@@ -154,7 +163,8 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     encoding = _encoding(path)
     require_text_table(path, encoding)
     layout = _found_layout(path, stated, encoding)
-    return replace(layout, names=_with_unit_of_counts(path, layout), rate=_stated_rate(path, layout))
+    layout = replace(layout, names=_with_unit_of_counts(path, layout), rate=_stated_rate(path, layout))
+    return layout if stated else replace(layout, names=_with_title(path, layout))
 
 
 _GYRO_SCALE: Final = re.compile(r'"?gyroScale"?[,;]\s*"?([0-9.eE+-]{1,30})"?\s*')
@@ -174,6 +184,27 @@ def _with_unit_of_counts(path: Path, layout: TableLayout) -> tuple[str, ...]:
                     scales.append(float(matched[1]))
     is_degrees = bool(scales) and all(abs(1e6 * scale * 180 / math.pi - 1) < 1e-4 for scale in scales)
     return tuple(f"{name} (deg/s)" if is_degrees and name in _COUNTS else name for name in layout.names)
+
+
+_TITLE: Final = re.compile(r"gyro\w*|angular (?:velocity|rate)|rotation rate|body rates?", re.IGNORECASE)
+_TITLE_UNIT: Final = re.compile(
+    r"(?:milli)?deg(?:rees?)?(?:/| per )s(?:ec(?:ond)?)?|m?dps|(?:milli)?rad(?:ians?)?(?:/| per )s(?:ec(?:ond)?)?|°/s",
+    re.IGNORECASE,
+)
+
+
+def _with_title(path: Path, layout: TableLayout) -> tuple[str, ...]:
+    """Names of columns, those of x, y and z alone with the words above them for a rate, and its unit if there is one."""
+    axes = [k for k, name in enumerate(layout.names) if name.lower() in ("x", "y", "z")]
+    if [layout.names[k].lower() for k in axes] != ["x", "y", "z"] or layout.header_line < 2:
+        return layout.names
+    with open(path, encoding=layout.encoding) as stream:
+        above = " ".join(itertools.islice(stream, min(layout.header_line - 1, PREAMBLE_LINES)))
+    titles, units = _TITLE.findall(above), {each.lower() for each in _TITLE_UNIT.findall(above)}
+    if not titles or len(units) > 1 or re.search("accel", above, re.IGNORECASE):
+        return layout.names
+    unit = f" ({units.pop()})" if units else ""
+    return tuple(f"gyro_{name}{unit}" if k in axes else name for k, name in enumerate(layout.names))
 
 
 _RATE_WORDS = re.compile(
@@ -250,7 +281,12 @@ def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayo
         first = next((k for k, line in enumerate(lines) if _is_numbers(line)), -1)
     if first < 0:
         raise InputError(f"{path_text(path)}: has no line of column names; add one, such as time_s,wx,wy,wz")
-    raise _no_header(path, *held[first], how_to_name(numbers_of_lines(lines[first:], delimiter)))
+    rows = numbers_of_lines(lines[first:], delimiter)
+    if (proved := proved_columns(rows)) is not None:
+        number, line = held[first]
+        with suppress(InputError):
+            return _stated_layout(path, tuple(proved), number, line, encoding)
+    raise _no_header(path, *held[first], how_to_name(rows))
 
 
 def own_layout(path: Path) -> TableLayout:
@@ -304,8 +340,12 @@ def _header(line: str, below: str) -> TableLayout | None:
         return None
     if not any(character.isalpha() for character in text):
         return None
-    if separator is None and not _has_cells(below, len(names)):
-        return None  # a sentence
+    if separator is None:
+        wide = tuple(_WIDE_BLANKS.split(text))
+        if 3 <= len(wide) < len(names) and len(_WIDE_BLANKS.split(below.strip())) == len(wide):
+            names = wide
+        elif not _has_cells(below, len(names)):
+            return None  # a sentence
     if separator == "\t" and line.startswith(separator) and len(below.split(separator)) == len(names) + 1:
         names = ("", *names)
     # settings in front of a header have two cells or no numbers below
@@ -460,7 +500,7 @@ _WITH_COMMA: Final = re.compile(r"\s*(?:[+-]?\d*,?\d+(?:[eE][+-]?\d+)?)?\s*")
 def _delimiter_of_numbers(line: str) -> str:
     """The commonest delimiter of a line of numbers; another than the comma where that is the decimal mark of its cells."""
     for delimiter in ";\t":
-        cells = line.split(delimiter)
+        cells = line.replace('"', "").split(delimiter)
         if len(cells) > 2 and all(map(_WITH_COMMA.fullmatch, cells)):
             return delimiter
     return max(_DELIMITERS, key=line.count)
@@ -490,10 +530,10 @@ def _has_decimal_comma(delimiter: str | None, line: str) -> bool:
 
 def _is_numbers(line: str) -> bool:
     """Whether a line holds numbers and no more."""
-    cells = re.sub("[;,|]", " ", line).split()
+    cells = re.sub('[;,|"]', " ", line).split()
     try:
         for cell in cells:
-            float(cell)
+            parse_number(cell)
     except ValueError:
         return False
     return bool(cells)

@@ -4,12 +4,16 @@ A regular table is read at once by NumPy, any other line by line. What a table l
 (`spinfilters.io.table_layout`).
 """
 
+import itertools
 import math
+import os
+import re
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -175,7 +179,33 @@ def _read_rows(path: Path, layout: TableLayout, columns: Sequence[int] | None = 
         values = None
     if values is None or values.shape[1] != len(names) or not np.isfinite(values).all():
         return _read_each_line(path, layout, columns, keys)
+    if len(values) > 1 and layout.comments and _is_cut(path, layout):
+        values = values[:-1]
     return Table(path, layout, names, values)
+
+
+_TAIL: Final = 4096
+"""Bytes at the end of a table that show whether its last line is whole."""
+
+
+def _last_lines(path: Path, layout: TableLayout) -> list[str]:
+    """The last lines of a table without a line break behind the last; none of a table that ends with one."""
+    with open(path, "rb") as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(size - _TAIL, 0) // 2 * 2)
+        tail = stream.read()
+    if any(mark in tail[-2:] for mark in (b"\n", b"\r")):
+        return []
+    return tail.decode(layout.encoding.replace("-sig", ""), "replace").splitlines()
+
+
+def _is_cut(path: Path, layout: TableLayout) -> bool:
+    """Whether the last number of a table, without a line break behind it, has fewer digits than that above it."""
+    lines = [text for line in _last_lines(path, layout) if (text := layout.content(line))]
+    if len(lines) < 2:
+        return False
+    above, last = (layout.cells(line)[-1] for line in lines[-2:])
+    return len(above) - len(last) > 1 and any(mark in above for mark in ".,")
 
 
 def _load(path: Path, layout: TableLayout, columns: Sequence[int] | None) -> Float[np.ndarray, "n m"] | None:
@@ -208,33 +238,87 @@ def _regular_lines(lines: Iterator[str], layout: TableLayout) -> Iterator[str]:
 
 
 def _read_each_line(path: Path, layout: TableLayout, columns: Sequence[int] | None, keys: int) -> Table:
-    """Numbers of some columns, line by line. InputError: names the first line that is wrong."""
+    """Numbers of some columns, line by line. InputError: names the first line that is wrong.
+
+    A header that stands again between the rows, words below the last of them and a last line that is cut off are left out.
+    """
     indices = range(len(layout.names)) if columns is None else columns
     names = tuple(layout.names[k] for k in indices)
     lines, numbers, incomplete, is_dated = array("q"), array("d"), 0, False
+    odd: list[tuple[str, InputError]] = []
     for number, text in data_lines(path, layout):
         where = f"{path_text(path)}: line {number}: "
         cells = layout.cells(text)
-        if len(cells) != len(layout.names):
-            raise InputError(
-                f"{where}{value_text(text.strip())} has {len(cells)} cells, expected {len(layout.names)}; "
-                "correct or delete the line"
-            )
-        chosen = [cells[k] for k in indices]
-        if layout.comments and not any(chosen[keys:]):
-            incomplete += 1
+        try:
+            if len(cells) != len(layout.names):
+                raise InputError(
+                    f"{where}{value_text(text.strip())} has {len(cells)} cells, expected {len(layout.names)}; "
+                    "correct or delete the line"
+                )
+            chosen = [cells[k] for k in indices]
+            if layout.comments and len(chosen) > keys and not any(chosen[keys:]):
+                incomplete += 1
+                continue
+            if keys and not lines:  # the first row says how all times are written
+                is_dated = seconds_of_clock(chosen[0]) is not None
+            row = [_seconds(where, names[0], chosen[0])] if is_dated else []
+            behind = zip(names[is_dated:], chosen[is_dated:], strict=True)
+            row += [_number(where, name, cell, layout) for name, cell in behind]
+        except InputError as error:
+            if not layout.comments or not lines:
+                raise
+            if text.strip() != _header_text(path, layout):
+                odd.append((text, error))
             continue
-        if keys and not lines:  # the first row says how all times are written
-            is_dated = seconds_of_clock(chosen[0]) is not None
-        if is_dated:
-            numbers.append(_seconds(where, names[0], chosen[0]))
-        behind = zip(names[is_dated:], chosen[is_dated:], strict=True)
-        numbers.extend([_number(where, name, cell, layout) for name, cell in behind])
+        if odd:
+            raise odd[0][1]
+        numbers.extend(row)
         lines.append(number)
+    if odd and not _are_below_a_table(path, layout, [text for text, _ in odd]):
+        raise odd[0][1]
     if not lines:
         raise InputError(f"{path_text(path)}: has no rows of numbers; export or copy it again")
     values = np.frombuffer(numbers, dtype=np.float64).reshape(len(lines), len(names)).copy()
     return Table(path, layout, names, values, lines, incomplete, is_dated=is_dated)
+
+
+def _header_text(path: Path, layout: TableLayout) -> str:
+    """The header as it is written, without a mark of a comment; empty without one."""
+    if not layout.header_line:
+        return ""
+    with open(path, encoding=layout.encoding) as stream:
+        line = next(itertools.islice(stream, layout.header_line - 1, None), "")
+    return line.strip().lstrip("#%").strip()
+
+
+_BEGUN: Final = re.compile(r"[-+]?(?:\d+[.,]?\d*)?(?:[eEdD][-+]?)?")
+"""A number that is cut off."""
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        parse_number(cell)
+    except ValueError:
+        return False
+    return True
+
+
+_MOST_BELOW: Final = 50
+"""Lines of words below the last row."""
+
+
+def _are_below_a_table(path: Path, layout: TableLayout, texts: Sequence[str]) -> bool:
+    """Whether lines behind the last row are words, or the one line that was being written when the power went."""
+    if len(texts) == 1 and _last_lines(path, layout)[-1:] == texts:
+        cells = layout.cells(texts[0])
+        if len(cells) < len(layout.names) or (_BEGUN.fullmatch(cells[-1]) and not _is_number(cells[-1])):
+            return True
+    are_words = all(text.lstrip(' \t"[(<*')[:1].isalpha() for text in texts)
+    return (
+        are_words
+        and len(texts) <= _MOST_BELOW
+        and not any(text.lower().startswith(("nan", "inf")) for text in texts)
+    )
 
 
 def _seconds(where: str, name: str, cell: str) -> float:

@@ -22,6 +22,8 @@ ROWS: Final = 400
 """Rows that are looked at."""
 MOST_COLUMNS: Final = 64
 """Of a table for which names are proposed."""
+_ABSURD: Final = 1e100
+"""Numbers that are none of a measurement, and whose squares overflow."""
 _FEWEST: Final = 5
 _UNIT_NORM: Final = 1e-3
 """Of the squares of a quaternion, which the digits of a text cause at most."""
@@ -32,7 +34,7 @@ _OTHER_UNIT: Final = 0.1
 _PARTS: Final = ["stamp.sec", "stamp.nanosec"]
 """Names of a clock in two columns."""
 _ORDERS: Final = ("xyzw", "wxyz")
-_RATE_NAMES: Final = {"rad/s": ("wx", "wy", "wz"), "deg/s": ("gx_dps", "gy_dps", "gz_dps")}
+RATE_NAMES: Final = {"rad/s": ("wx", "wy", "wz"), "deg/s": ("gx_dps", "gy_dps", "gz_dps")}
 _MOST_PROPOSED: Final = 3
 _AT_REST: Final = ((5.0, 15.0), (0.5, 1.5))
 """Medians of an accelerometer, in m/s^2 and g."""
@@ -66,9 +68,20 @@ def is_certain(proposed: Sequence[Sequence[str]]) -> bool:
     return bool(proposed) and "x" not in proposed[0]
 
 
+def proved_columns(rows: Float[np.ndarray, "n m"], clock: int | None = None) -> list[str] | None:
+    """Names of the columns, - for those to leave out, where rates beside a quaternion prove what both are; None of others."""
+    proposed = proposed_columns(rows, clock)
+    is_proved = (
+        len(proposed) == 1 and is_certain(proposed) and bool({"qw", "wx", "gx_dps"} & set(proposed[0]))
+    )
+    is_proved = is_proved and bool({"t", _PARTS[0]} & set(proposed[0]))
+    return proposed[0] if is_proved else None
+
+
 def proposed_columns(rows: Float[np.ndarray, "n m"], clock: int | None = None) -> list[list[str]]:
     """Names of the columns, - for those to leave out: one list, or one for each order of a quaternion; none if nothing is found."""
     rows = np.asarray(rows, dtype=np.float64)[:ROWS]
+    rows = np.where(np.abs(rows) < _ABSURD, rows, np.nan)
     if rows.ndim != 2 or len(rows) < _FEWEST or not 3 <= rows.shape[1] <= MOST_COLUMNS:
         return []
     free = [bool(np.isfinite(column).all()) for column in rows.T]
@@ -101,7 +114,7 @@ def proposed_columns(rows: Float[np.ndarray, "n m"], clock: int | None = None) -
         free[column : column + 3] = [False] * 3
         # without a position it is an inertial unit, whose attitudes are made of its rates
         if place < 3 or not all(free[place - 3 : place]):
-            names[column : column + 3] = _RATE_NAMES[unit]
+            names[column : column + 3] = RATE_NAMES[unit]
             return [names]
     if place >= 3 and all(free[place - 3 : place]):
         names[place - 3 : place] = ["px", "py", "pz"]
@@ -119,10 +132,11 @@ def numbers_of_lines(lines: Sequence[str], delimiter: str | None) -> Float[np.nd
     if delimiter is not None and all(line.rstrip().endswith(delimiter) for line in lines[:ROWS]):
         lines = [line.rstrip().removesuffix(delimiter) for line in lines[:ROWS]]
     cells = [[cell.strip().strip('"') for cell in line.split(delimiter)] for line in lines[:ROWS]]
-    return np.array([[_number(cell) for cell in row] for row in cells if len(row) == len(cells[0])])
+    return np.array([[number_of_cell(cell) for cell in row] for row in cells if len(row) == len(cells[0])])
 
 
-def _number(cell: str) -> float:
+def number_of_cell(cell: str) -> float:
+    """Number of a cell, seconds of a date, NaN of a word."""
     try:
         return parse_number(cell)
     except ValueError:
@@ -147,7 +161,7 @@ def _shape(line: str) -> tuple[int, str | None] | None:
     marks = _SEPARATORS.findall(line)
     delimiter = max(dict.fromkeys(marks), key=marks.count) if marks else None
     cells = line.split(delimiter)
-    numbers = sum(not math.isnan(_number(cell.strip().strip('"'))) for cell in cells)
+    numbers = sum(not math.isnan(number_of_cell(cell.strip().strip('"'))) for cell in cells)
     return (len(cells), delimiter) if numbers >= 3 else None
 
 
@@ -243,7 +257,7 @@ def _unit(scale: float) -> str | None:
     return next(
         (
             unit
-            for unit in _RATE_NAMES
+            for unit in RATE_NAMES
             for second in CLOCK_UNITS.values()
             if abs(scale / (RATE_UNITS[unit] * second) - 1) < _OTHER_UNIT
         ),

@@ -17,6 +17,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.headings import heading_of
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     first_text,
@@ -26,7 +27,6 @@ from spinfilters.io.input_file import (
     read_bytes,
     value_text,
 )
-from spinfilters.io.motion_columns import heading_of
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns

@@ -316,6 +316,39 @@ class ZipReader(StatedReader):
             return [replace(each, path=path) for each in found]
 
 
+class SpreadsheetReader(StatedReader):
+    """Workbooks of Excel, whose sheets are tables."""
+
+    name, order, words = "spreadsheet", 31, "a workbook (.xlsx)"
+    suffixes = (".xlsx",)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the first sheet that describes a motion."""
+        from spinfilters.io.spreadsheet import read_spreadsheet
+
+        return read_spreadsheet(path, self.options)
+
+
+class MatrixFolderReader(StatedReader):
+    """Folders with a pose in each file."""
+
+    name, order, words = "matrix-folder", 28, "a folder with a matrix in each file"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a folder holds numbered texts of one matrix each."""
+        if not os.path.isdir(path):
+            return False
+        from spinfilters.io.number_folders import matrix_files
+
+        return bool(matrix_files(path))
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Poses, at the stated rate or the times of a table beside them."""
+        from spinfilters.io.number_folders import read_matrix_folder
+
+        return read_matrix_folder(path, self.options)
+
+
 class RosBagReader(StatedReader):
     """Bags of ROS 1 and 2, and MCAP files."""
 
@@ -413,6 +446,10 @@ class ArrayExportReader(StatedReader):
         return read_array_export(path, self.options)
 
 
+_LABELLED: Final = re.compile(r"""[A-Za-z_\]]["']?\s*[:=]?\s*[\[({]*\s*[-+.\d]|[\]})]\s*[:=]""")
+"""A label with a number, which lines of labels have at least."""
+
+
 class LabelledLinesReader(StatedReader):
     """Logs of a serial port: lines of labels with numbers."""
 
@@ -420,15 +457,17 @@ class LabelledLinesReader(StatedReader):
 
     def recognises(self, path: Path) -> bool:
         """Whether most of the first lines are labels with numbers."""
-        if not is_file_named(path, (".log", ".txt", ".csv")):
+        if not is_file_named(path, (".log", ".txt", ".csv", ".dat", ".out", ".data")):
             return False
-        from spinfilters.io.text_logs import has_labelled_lines
+        if _LABELLED.search(first_text(path, _HEAD)) is None:
+            return False
+        from spinfilters.io.labelled_lines import has_labelled_lines
 
         return has_labelled_lines(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates of the lines that have some."""
-        from spinfilters.io.text_logs import read_labelled_lines
+        from spinfilters.io.labelled_lines import read_labelled_lines
 
         return read_labelled_lines(path, self.options)
 
@@ -436,8 +475,8 @@ class LabelledLinesReader(StatedReader):
 class AttitudeEphemerisReader(StatedReader):
     """Attitude ephemerides; those of positions (.e, .oem) are refused as what they are."""
 
-    name, order, words = "attitude-ephemeris", 47, "an attitude ephemeris (.a, .aem)"
-    suffixes = (".a", ".aem", ".xml", ".e", ".oem")
+    name, order, words = "attitude-ephemeris", 47, "an attitude ephemeris (.a, .aem, .acm)"
+    suffixes = (".a", ".aem", ".acm", ".xml", ".e", ".oem")
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Attitudes of all rows."""
@@ -637,7 +676,9 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     LoggerFolderReader(),
     KittiFolderReader(),
     Simulator42Reader(),
+    MatrixFolderReader(),
     ZipReader(),
+    SpreadsheetReader(),
     RosBagReader(),
     EchoedMessagesReader(),
     Px4LogReader(),

@@ -23,7 +23,7 @@ from spinfilters.core.attitude_conversions import (
 from spinfilters.core.cameras import stereo_pair
 from spinfilters.io.camera import StereoRig
 from spinfilters.models.tracks.pose_consensus import Matches
-from spinfilters.models.tracks.track_poses import FittedPose, fit_pose
+from spinfilters.models.tracks.track_poses import FittedPose, fit_pose, refine_pose
 from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.stereo_geometry import near_pairs, pixels_by_point, pixels_of
 from spinfilters.vision.stereo_matching import EpochObservations, StereoFeatures, clear_pairs
@@ -157,14 +157,20 @@ class LandmarkViews:
         self._descriptors[chosen, place], self._directions[chosen, place] = descriptors[new], directions[new]
         self._kept[chosen] = np.where(self._kept[chosen] < VIEWS, self._kept[chosen] + 1, VIEWS)
 
-    def seen_from(
+    def views_from(
         self, rows: Int[np.ndarray, " n"], directions: Float[np.ndarray, "n 3"]
-    ) -> tuple[Float[np.ndarray, "n d"], Bool[np.ndarray, " n"]]:
-        """Descriptors of the views nearest to these directions, and which are near enough to be recognised."""
-        cosines = np.einsum("nvi,ni->nv", self._directions[rows], directions)
+    ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """Numbers of the views nearest to these directions, and which are near enough to be recognised."""
+        cosines = (self._directions[rows] @ directions[:, :, None])[..., 0]
         cosines = np.where(np.arange(VIEWS) < self._kept[rows, None], cosines, -2.0)
         best = cosines.argmax(axis=1)
-        return self._descriptors[rows, best], cosines[np.arange(len(rows)), best] >= WIDEST_VIEW
+        return best, cosines[np.arange(len(rows)), best] >= WIDEST_VIEW
+
+    def descriptors(
+        self, rows: Int[np.ndarray, " n"], views: Int[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "n d"]:
+        """Descriptors of some of their views."""
+        return self._descriptors[rows, views]
 
     def latest_view(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n d"]:
         """Descriptors of the views kept last."""
@@ -221,6 +227,8 @@ CERTAIN_SHARE: Final = 0.5
 """Of the points that are found in the map at one pose: with so many, another one is not tried."""
 CLEAR_SHARE: Final = 0.2
 """Of the points that are found in the map: with fewer, poses from all landmarks are tried too."""
+SETTLED: Final = 0.01
+"""Steps of a pose in standard deviations below which its iterations end: it is adjusted once more with all others."""
 PLACE_FLOOR: Final = 0.3
 """px: standard deviation that a pose of a growing map adds to every match's place."""
 
@@ -263,13 +271,13 @@ class _LandmarksInView(NamedTuple):
         Their numbers.
     pixels : ndarray of shape (n, 3)
         Where they are expected.
-    descriptors : ndarray of shape (n, d)
-        Of the views nearest to the line of sight.
+    views : ndarray of int, shape (n,)
+        Numbers of the views nearest to the line of sight.
     """
 
     rows: Int[np.ndarray, " n"]
     pixels: Float[np.ndarray, "n 3"]
-    descriptors: Float[np.ndarray, "n d"]
+    views: Int[np.ndarray, " n"]
 
 
 class _Candidate(NamedTuple):
@@ -320,9 +328,11 @@ class Tracker:
                 return None
             return self._begin_map(epoch, time, points, pose)
         if pose is not None:
-            return self._register_epoch(epoch, time, points, self._candidate(points, pose))
+            return self._register_epoch(epoch, time, points, pose)
         best = self._pose_by_odometry(time, points)
-        return None if best is None else self._register_epoch(epoch, time, points, best)
+        if best is None:
+            return None
+        return self._register_epoch(epoch, time, points, best.pose if best.fit is None else best.fit.pose)
 
     def _begin_map(
         self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"] | None
@@ -371,7 +381,8 @@ class Tracker:
     def _candidate(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> _Candidate:
         """A pose with what is found in the map around it, and what that agrees on."""
         features, rows = self._search_landmarks(points, pose, 1.0, LossCount())
-        fit = self._fit_pose(points, features, rows)
+        matches = self._matches(points, features, rows)
+        fit = None if matches is None else refine_pose(matches, self._rig.calibration, pose, SETTLED)
         inside = np.zeros(0) if fit is None else self._within_gate(points, fit.pose, features, rows)
         return _Candidate(pose, self._state, features, rows, fit, int(np.count_nonzero(inside)))
 
@@ -394,7 +405,8 @@ class Tracker:
             ODOMETRY,
         )
         features, chosen = pairs[:, 0], rows[pairs[:, 1]]
-        fit = self._fit_pose(points, features, chosen)
+        matches = self._matches(points, features, chosen)
+        fit = None if matches is None else fit_pose(matches, self._rig.calibration, SETTLED)
         agreeing = 0 if fit is None else int(self._within_gate(points, fit.pose, features, chosen).sum())
         if fit is None or agreeing < FEWEST:
             self._losses.lose(ODOMETRY, "of an epoch with too few", len(pairs))
@@ -403,27 +415,25 @@ class Tracker:
         self._losses.keep(ODOMETRY, agreeing)
         return fit.pose
 
-    def _fit_pose(
+    def _matches(
         self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
-    ) -> FittedPose | None:
-        """Pose that most of the matches agree on (absolute orientation within RANSAC, then Gauss-Newton)."""
+    ) -> Matches | None:
+        """Features with their landmarks; None of fewer than a pose must rest on."""
         if len(rows) < FEWEST:
             return None
         assert self.landmarks is not None
-        matches = Matches(
+        return Matches(
             self.landmarks.points[rows],
             points.values[features],
             self._covariance(points)[features],
             self.landmarks.covariance[rows],
         )
-        return fit_pose(matches, self._rig.calibration)
 
     def _register_epoch(
-        self, epoch: int, time: float, points: StereoFeatures, found: _Candidate
+        self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"]
     ) -> EpochObservations | None:
-        """Observations of an epoch whose pose is roughly known."""
+        """Observations of an epoch whose pose is known."""
         assert self.landmarks is not None
-        pose = found.pose if found.fit is None else found.fit.pose
         features, rows = self._search_landmarks(points, pose, 0.6, self._losses)
         good = self._within_gate(points, pose, features, rows)
         self._losses.lose(GLOBAL, "too far from their place", int(np.count_nonzero(~good)))
@@ -442,9 +452,10 @@ class Tracker:
         self, points: StereoFeatures, pose: Float[np.ndarray, " 7"], scale: float, losses: LossCount
     ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
         """Features, and the landmarks in view that they are, within a scaled search radius."""
-        rows, expected, descriptors = self._in_view(pose)
-        if not len(rows):
-            return np.zeros(0, dtype=int), rows
+        view = self._in_view(pose)
+        if not len(view.rows):
+            return np.zeros(0, dtype=int), view.rows
+        rows, expected = view.rows, view.pixels
         landmarks, options = self.landmarks, self._options
         assert landmarks is not None
         late = landmarks.last_seen[rows] > self._latest - 2 * RECENT
@@ -455,7 +466,7 @@ class Tracker:
         if not len(place):
             losses.lose(GLOBAL, "without a counterpart", len(points))
             return np.zeros(0, dtype=int), rows[:0]
-        alike = np.einsum("nd,nd->n", points.features.descriptors[feature], descriptors[place])
+        alike = self._likeness(points, feature, place, view)
         # a column for each landmark that any feature is near to, a fraction of those in view
         columns, column = np.unique(place, return_inverse=True)
         rows, expected = rows[columns], expected[columns]
@@ -468,7 +479,7 @@ class Tracker:
         return pairs[:, 0], rows[pairs[:, 1]]
 
     def _in_view(self, pose: Float[np.ndarray, " 7"]) -> _LandmarksInView:
-        """Landmarks in view from a known direction, with pixels and descriptors; of the latest pose they are kept."""
+        """Landmarks in view from a known direction, with their pixels; of the latest pose they are kept."""
         if self._view is None or self._view[0] is not pose or self._view[1] != self._state:
             self._view = pose, self._state, self._find_in_view(pose)
         return self._view[2]
@@ -486,8 +497,20 @@ class Tracker:
         )
         rows = np.flatnonzero(inside)
         directions = -(at[rows] / np.linalg.norm(at[rows], axis=1, keepdims=True)) @ R
-        descriptors, known = self.landmarks.seen_from(rows, directions)
-        return _LandmarksInView(rows[known], pixels[rows[known]], descriptors[known])
+        views, known = self.landmarks.views_from(rows, directions)
+        return _LandmarksInView(rows[known], pixels[rows[known]], views[known])
+
+    def _likeness(
+        self,
+        points: StereoFeatures,
+        features: Int[np.ndarray, " k"],
+        places: Int[np.ndarray, " k"],
+        view: _LandmarksInView,
+    ) -> Float[np.ndarray, " k"]:
+        """Products of the descriptors of features and of landmarks in view."""
+        assert self.landmarks is not None
+        descriptors = self.landmarks.descriptors(view.rows[places], view.views[places])
+        return np.einsum("nd,nd->n", points.features.descriptors[features], descriptors)
 
     def _within_gate(
         self,
@@ -510,13 +533,11 @@ class Tracker:
 
     def _is_crowded(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> Bool[np.ndarray, " n"]:
         """Whether features lie near a landmark that they resemble: they may show it, and are no new one."""
-        rows, expected, descriptors = self._in_view(pose)
-        if not len(rows):
-            return np.zeros(len(points), dtype=bool)
-        near = near_pairs(points.values[:, :2], expected[:, :2], self._options.crowded_px)
-        alike = np.einsum("nd,nd->n", points.features.descriptors[near.place], descriptors[near.other])
-        crowded = np.zeros(len(points), dtype=bool)
-        crowded[near.place[alike >= self._options.similarity]] = True
+        view, crowded = self._in_view(pose), np.zeros(len(points), dtype=bool)
+        if len(view.rows):
+            near = near_pairs(points.values[:, :2], view.pixels[:, :2], self._options.crowded_px)
+            alike = self._likeness(points, near.place, near.other, view)
+            crowded[near.place[alike >= self._options.similarity]] = True
         return crowded
 
     def _add_to_map(

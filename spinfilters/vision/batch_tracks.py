@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import bsr_array
+from scipy.sparse import bsr_array, csr_array
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.cameras import stereo_pair
@@ -168,10 +168,8 @@ def _linearise(
     # a landmark in g moves as the place does, turned into i: columns of place times R_ig of the epoch
     by_point = by_pose[..., :3] @ matrix_from_quaternion(poses[:, 3:])[observations.epoch]
     weight = LOSS.weight(np.square(innovation).sum(axis=1))
-    information = np.zeros((len(points), 3, 3))
-    np.add.at(
-        information, observations.landmark, weight[:, None, None] * (np.swapaxes(by_point, 1, 2) @ by_point)
-    )
+    squares = weight[:, None, None] * (np.swapaxes(by_point, 1, 2) @ by_point)
+    information = _sums(observations.landmark, squares, len(points))
     trace = np.trace(information, axis1=1, axis2=2)
     information += (RIDGE * trace + 1e-12)[:, None, None] * np.eye(3)
     return _Linearised(poses, points, innovation, by_point, information, by_pose, weight)
@@ -200,15 +198,14 @@ def _take_step(
     weighted_pose = at.weight[:, None, None] * np.swapaxes(at.by_pose, 1, 2)
     weighted_point = at.weight[:, None, None] * np.swapaxes(at.jacobian, 1, 2)
     # diagonal blocks of the poses (H, b), right side of the landmarks (g), blocks between them (W)
-    H, b = np.zeros((epochs, 6, 6)), np.zeros((epochs, 6))
-    np.add.at(H, observations.epoch, weighted_pose @ at.by_pose)
-    np.add.at(b, observations.epoch, (weighted_pose @ at.whitened[..., None])[..., 0])
-    g = np.zeros((landmarks, 3))
-    np.add.at(g, observations.landmark, (weighted_point @ at.whitened[..., None])[..., 0])
-    W = _block_matrix(observations, weighted_pose @ at.jacobian, (epochs, landmarks))
+    whitened = at.whitened[..., None]
+    H = _sums(observations.epoch, weighted_pose @ at.by_pose, epochs)
+    b = _sums(observations.epoch, (weighted_pose @ whitened)[..., 0], epochs)
+    g = _sums(observations.landmark, (weighted_point @ whitened)[..., 0], landmarks)
     inverse = np.linalg.inv(at.information)
-    scaled = _block_matrix(
-        observations, weighted_pose @ at.jacobian @ inverse[observations.landmark], (epochs, landmarks)
+    blocks = weighted_pose @ at.jacobian
+    W, scaled = _block_matrices(
+        observations, (blocks, blocks @ inverse[observations.landmark]), (epochs, landmarks)
     )
     # Schur complement of the landmarks: S = H - W V^-1 W', with V their 3 by 3 blocks
     S = -(scaled @ W.T).toarray()
@@ -224,18 +221,29 @@ def _take_step(
     return _sensor().layout.retract(at.poses, step.reshape(-1, 6)), points
 
 
-def _block_matrix(
-    observations: Observations, blocks: Float[np.ndarray, "n 6 3"], shape: tuple[int, int]
-) -> bsr_array:
-    """Sparse matrix of one block per observation.
+def _sums(
+    rows: Int[np.ndarray, " n"], values: Float[np.ndarray, "n ..."], count: int
+) -> Float[np.ndarray, "m ..."]:
+    """Sums of the values of each row, as a product with a matrix of ones."""
+    ends = np.bincount(rows, minlength=count).cumsum()
+    of_row = csr_array(
+        (np.ones(len(rows)), np.argsort(rows, kind="stable"), np.concatenate([[0], ends])),
+        shape=(count, len(rows)),
+    )
+    return (of_row @ values.reshape(len(rows), -1)).reshape(count, *values.shape[1:])
+
+
+def _block_matrices(
+    observations: Observations, matrices: Sequence[Float[np.ndarray, "n 6 3"]], shape: tuple[int, int]
+) -> list[bsr_array]:
+    """Sparse matrices of one block per observation each.
 
     Rows poses, columns landmarks; a landmark is seen once in an epoch.
     """
     order = np.lexsort((observations.landmark, observations.epoch))
     starts = np.searchsorted(observations.epoch[order], np.arange(shape[0] + 1))
-    return bsr_array(
-        (blocks[order], observations.landmark[order], starts), shape=(6 * shape[0], 3 * shape[1])
-    )
+    columns, size = observations.landmark[order], (6 * shape[0], 3 * shape[1])
+    return [bsr_array((blocks[order], columns, starts), shape=size) for blocks in matrices]
 
 
 STAGE: Final = "observations in tracks"
@@ -317,7 +325,7 @@ def batch_tracks(
     epochs = _require_epochs(
         found_epochs(points, rig, options, lambda done, _: progress(done, 2 * len(points)))
     )
-    noise, adjusted, _ = _adjust_with_own_noise(epochs, options.noise, rig)
+    noise, adjusted, _ = _adjust_with_own_noise(epochs, options.noise, rig, 1)
     tracker = Tracker(rig, noise, losses, options.association)
     again = []
     for epoch, pose in zip(epochs, adjusted.poses, strict=True):
@@ -325,7 +333,7 @@ def batch_tracks(
         progress(len(points) + epoch.epoch + 1, 2 * len(points))
     losses.lose(EPOCHS, "whose pose was not found", len(points) - len(epochs))
     epochs = _require_epochs([each for each in again if each is not None])
-    noise, adjusted, sequence = _adjust_with_own_noise(epochs, noise, rig)
+    noise, adjusted, sequence = _adjust_with_own_noise(epochs, noise, rig, 2)
     return _tracks_of(epochs, adjusted, sequence, noise, losses)
 
 
@@ -365,14 +373,14 @@ def require_epochs(count: int) -> None:
 
 
 def _adjust_with_own_noise(
-    epochs: list[EpochObservations], noise: TrackNoise, rig: StereoRig
+    epochs: list[EpochObservations], noise: TrackNoise, rig: StereoRig, turns: int
 ) -> tuple[TrackNoise, Adjusted, _Sequence]:
-    """Bundle adjustment with the noise that it leaves, by turns."""
+    """Bundle adjustment with the noise that it leaves, by turns; one is enough before the observations are found anew."""
     sequence = _sequence(epochs)
     poses = np.array([epoch.pose for epoch in epochs])
     points = _first_points(sequence.observations, poses, rig)
     adjusted = adjust(sequence.with_noise(noise).observations, poses, points, rig)
-    for _ in range(2):
+    for _ in range(turns):
         current = sequence.with_noise(noise)
         good = _share_explained(adjusted)
         if np.count_nonzero(good) < FEWEST:
@@ -429,9 +437,8 @@ def _first_points(
     camera = stereo_pair(rig.calibration).points_of(observations.values, rig.calibration)
     rotations = matrix_from_quaternion(poses[:, 3:])[observations.epoch]
     points = np.einsum("nji,nj->ni", rotations, camera - poses[observations.epoch, :3])
-    sums = np.zeros((int(observations.landmark.max()) + 1, 3))
-    np.add.at(sums, observations.landmark, points)
-    return sums / np.bincount(observations.landmark)[:, None]
+    counts = np.bincount(observations.landmark)
+    return _sums(observations.landmark, points, len(counts)) / counts[:, None]
 
 
 ENOUGH: Final = 0.5

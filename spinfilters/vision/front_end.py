@@ -92,7 +92,7 @@ def background_distance(image: Image) -> Float[np.ndarray, "h w"]:
     body[0] = 1  # what is not even
     if body.all():
         return np.full(image.shape, np.inf)
-    return cv2.distanceTransform(body[labels], cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return cv2.distanceTransform(body[labels], cv2.DIST_L2, cv2.DIST_MASK_5)
 
 
 def _border(image: np.ndarray) -> np.ndarray:
@@ -165,9 +165,10 @@ def aligned_patches(
 
 
 _ALONG = np.arange(-HALF - 1, HALF + 2, dtype=float)
-_X, _Y = (grid[None] for grid in np.meshgrid(_ALONG, _ALONG[1:-1]))
+_X, _Y = (grid[None].astype(np.float32) for grid in np.meshgrid(_ALONG, _ALONG[1:-1]))
 """Places of a patch about its middle, a column wider on both sides than what is compared, for the derivative."""
 _BASIS = np.stack([np.ones_like(_X), _X, _Y], axis=3)[0, :, 1:-1].reshape(-1, 3).astype(np.float32)
+_PRODUCTS = (_BASIS[:, :, None] * _BASIS[:, None]).reshape(-1, 9)
 _WEIGHT = np.exp(-(_BASIS[:, 1] ** 2 + _BASIS[:, 2] ** 2) / (2 * SPREAD_PX**2))
 _WEIGHT = (_WEIGHT / _WEIGHT.sum()).astype(np.float32)
 
@@ -184,11 +185,12 @@ class _View:
         self, pixels: Float[np.ndarray, "n 2"], shape: Float[np.ndarray, "n 3"]
     ) -> tuple[Patches, Patches]:
         """Grey values of shifted, sheared patches and derivatives along the row."""
-        shift, along, across = (shape[:, k, None, None] for k in range(3))
-        x = pixels[:, 0, None, None] + _X + shift + along * _X + across * _Y
-        y = np.broadcast_to(pixels[:, 1, None, None] + _Y, x.shape)
+        middle, row = (pixels + shape[:, :1] * [1, 0]).astype(np.float32).T[..., None, None]
+        along, across = shape[:, 1:].astype(np.float32).T[..., None, None]
+        x = middle + (1 + along) * _X + across * _Y
+        y = np.broadcast_to(row + _Y, x.shape)
         grey = self.rectification.grey_at(self.camera, self.image, x, y)
-        slope = (grey[:, :, 2:] - grey[:, :, :-2]) / (2 * (1 + along)).astype(np.float32)
+        slope = (grey[:, :, 2:] - grey[:, :, :-2]) / (2 * (1 + along))
         return grey[:, :, 1:-1].reshape(len(pixels), -1), slope.reshape(len(pixels), -1)
 
 
@@ -219,10 +221,13 @@ class _Fit:
     @property
     def step(self) -> Float[np.ndarray, "n 3"]:
         """Damped Gauss-Newton step of shift and slopes."""
-        J = _remove_mean(self.slope[..., None] * _BASIS)
-        weighted = np.swapaxes(J * _WEIGHT[:, None], 1, 2)
-        information = (weighted @ J).astype(float) + np.diag(DAMPING)
-        step = np.linalg.solve(information, weighted @ self.error[..., None])[..., 0]
+        # J = s B without its weighted mean m, B the basis: J'wJ = B'(w s^2)B - m m', and J'w e = B'(w s e) as e has no mean
+        weighted = self.slope * _WEIGHT
+        mean = weighted @ _BASIS
+        information = ((weighted * self.slope) @ _PRODUCTS).reshape(-1, 3, 3).astype(float)
+        information += np.diag(DAMPING) - mean[:, :, None] * mean[:, None]
+        right = ((weighted * self.error) @ _BASIS).astype(float)
+        step = np.linalg.solve(information, right[..., None])[..., 0]
         step[:, 0] = np.clip(step[:, 0], -LARGEST_STEP_PX, LARGEST_STEP_PX)
         return step
 
@@ -235,7 +240,7 @@ class _Fit:
 
 def _remove_mean(values: np.ndarray) -> np.ndarray:
     """Without the weighted mean of each patch."""
-    return values - np.tensordot(values, _WEIGHT, axes=(1, 0))[:, None]
+    return values - (values @ _WEIGHT)[:, None]
 
 
 FRONT_END_MARGIN_PX: Final = 32
@@ -290,16 +295,15 @@ class StereoPoints:
 
     def of(self, pair: ImagePair) -> StereoFeatures:
         """Points of a raw pair."""
-        images = self._rectification.images(pair.left, pair.right)
         trial = LossCount()
-        points = self._detect_within(*images, self._region, trial)
+        points = self._detect_within(pair, self._region, trial)
         if self._region is not None and len(points) < FEWEST_SHARE * self._count:
             trial = LossCount()
-            points = self._detect_within(*images, None, trial)
+            points = self._detect_within(pair, None, trial)
         self._losses.add(trial)
         points = self._align_to_raw(pair, points)
         self._count = len(points)
-        self._region = _region_around(points, images[0].shape[::-1]) if len(points) else None
+        self._region = _region_around(points, pair.left.shape[::-1]) if len(points) else None
         return points
 
     def _align_to_raw(self, pair: ImagePair, points: StereoFeatures) -> StereoFeatures:
@@ -313,15 +317,10 @@ class StereoPoints:
         self._losses.keep(STEREO, int(np.count_nonzero(found.found)))
         return points.aligned(found.disparity, found.residual).part(found.found)
 
-    def _detect_within(
-        self,
-        left: UInt8[np.ndarray, "h w"],
-        right: UInt8[np.ndarray, "h w"],
-        region: Region | None,
-        losses: LossCount,
-    ) -> StereoFeatures:
-        first, last, top, bottom = region or (0, left.shape[1], 0, left.shape[0])
-        cut = [np.ascontiguousarray(image[top:bottom, first:last]) for image in (left, right)]
+    def _detect_within(self, pair: ImagePair, region: Region | None, losses: LossCount) -> StereoFeatures:
+        first, last, top, bottom = region or _whole(pair.left)
+        within = slice(first, last), slice(top, bottom)
+        cut = self._rectification.images(pair.left, pair.right, *within)
         gain, distances = exposure_gain(cut[0]), [background_distance(image) for image in cut]
         left, right = (stretched(image, gain) for image in cut)
         # without a region of the last pair all is searched, also what is as dark as the background

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
 
 from spinfilters.core.cameras import stereo_pair
 from spinfilters.io.camera import StereoRig
@@ -43,9 +42,19 @@ def pixels_by_point(at: Float[np.ndarray, "n 3"], rig: StereoRig) -> Float[np.nd
 def near_pairs(
     places: Float[np.ndarray, "n k"], others: Float[np.ndarray, "m k"], radius: float
 ) -> NearPairs:
-    """Pairs of a place and another that are not farther apart than a radius."""
-    found = KDTree(places).sparse_distance_matrix(KDTree(others), radius, output_type="coo_matrix")
-    return NearPairs(found.row.astype(int), found.col.astype(int), found.data)
+    """Pairs of a place and another that are not farther apart than a radius, in the order of the places."""
+    # of the others by row, those within the radius of a place's row stand together
+    order = np.argsort(others[:, 1], kind="stable")
+    rows = others[order, 1]
+    first = np.searchsorted(rows, places[:, 1] - radius)
+    counts = np.searchsorted(rows, places[:, 1] + radius, side="right") - first
+    place = np.repeat(np.arange(len(places)), counts)
+    other = order[np.arange(len(place)) + np.repeat(first - np.cumsum(counts) + counts, counts)]
+    beside = np.flatnonzero(np.abs(places[place, 0] - others[other, 0]) <= radius)
+    place, other = place[beside], other[beside]
+    distance = np.linalg.norm(places[place] - others[other], axis=1)
+    near = distance <= radius
+    return NearPairs(place[near], other[near], distance[near])
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,10 @@ REWRITINGS = (
     ),
     *(
         Rewriting(f"spinfilters compare {name}", f"{SMALL_RUN} --verdict filter", "two estimators, few tests")
-        for name in ("recording", "circling", "fusion", "scans/tumble")
+        for name in (
+            *("biased", "circling", "fusion", "my-recording", "recording"),
+            *("runs/rates", "runs/tracked", "scans/tumble"),
+        )
     ),
     Rewriting("spinfilters compare", SMALL_RUN, "two estimators"),
     Rewriting("spinfilters observe", "--frames 20", "fewer epochs"),

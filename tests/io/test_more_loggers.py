@@ -295,6 +295,16 @@ def micros_begin_again(folder: Path) -> Path:
     return lines(folder / "micros.csv", "t_us,wx,wy,wz\n", rows)
 
 
+def serial_without_unit(folder: Path) -> Path:
+    rows = [[f"12:00:0{t:.3f} -> gx:{x} gy:{y} gz:{z}"] for t, (x, y, z) in zip(TIME, DEGREES, strict=True)]
+    return lines(folder / "mine.txt", "", rows)
+
+
+def dat_con(folder: Path) -> Path:
+    head = "Clock:Tick#,Clock:offsetTime,IMU_ATTI(0):roll:C,IMU_ATTI(0):gyroX,IMU_ATTI(0):gyroY,IMU_ATTI(0):gyroZ,Attribute|Value\n"
+    return lines(folder / "FLY125.csv", head, [(9 * k, t, 1, *DEGREES[k], "") for k, t in enumerate(TIME)])
+
+
 AS_IT_IS: tuple[Callable[[Path], Path], ...] = (
     *(
         realsense,
@@ -309,6 +319,7 @@ AS_IT_IS: tuple[Callable[[Path], Path], ...] = (
     *(serial_monitor, phyphox_zip, physics_toolbox, core_motion, android, motive_with_markers, qualisys),
     *(rotation_matrices, orb_slam, kitti_raw, uzh_fpv, topic_of_poses, airsim, simulator_42, gmat_attitudes),
     *(stk, ccsds, mavlogdump, witmotion, delsys, x_plane, jsbsim, midnight, micros_begin_again),
+    *(serial_without_unit, dat_con),  # no gyro measures as many rad/s
 )
 
 
@@ -329,16 +340,6 @@ def nclt(folder: Path) -> Path:
 def ros2_echo(folder: Path) -> Path:
     rows = [(s // 10**9, s % 10**9, "imu_link", *TURN[k], *RATES[k]) for k, s in enumerate(STAMPS_NS)]
     return lines(folder / "echo.csv", "", rows)
-
-
-def serial_without_unit(folder: Path) -> Path:
-    rows = [[f"12:00:0{t:.3f} -> gx:{x} gy:{y} gz:{z}"] for t, (x, y, z) in zip(TIME, DEGREES, strict=True)]
-    return lines(folder / "mine.txt", "", rows)
-
-
-def dat_con(folder: Path) -> Path:
-    head = "Clock:Tick#,Clock:offsetTime,IMU_ATTI(0):roll:C,IMU_ATTI(0):gyroX,IMU_ATTI(0):gyroY,IMU_ATTI(0):gyroZ,Attribute|Value\n"
-    return lines(folder / "FLY125.csv", head, [(9 * k, t, 1, *DEGREES[k], "") for k, t in enumerate(TIME)])
 
 
 def polaris(folder: Path) -> Path:
@@ -371,8 +372,6 @@ WITH_A_HINT: tuple[tuple[Callable[[Path], Path], dict[str, Any], str], ...] = (
         {"columns": "stamp.sec,stamp.nanosec,-,-,-,-,-,wx,wy,wz"},
         "--columns stamp.sec,stamp.nanosec,-,",
     ),
-    (serial_without_unit, {"unit": "deg/s"}, "--unit"),
-    (dat_con, {"unit": "deg/s"}, "--unit"),
     (polaris, {"rate": 50.0}, "--rate"),
     (simulink, {"columns": "t,wx,wy,wz"}, "--columns"),
     (nested_json, {"unit": "rad/s"}, "--unit"),

@@ -1,6 +1,7 @@
 """Logs of simulators, flight controllers and inertial units whose headers, factors or neighbours say what their names do not."""
 
 import json
+import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -246,9 +247,181 @@ AS_IT_IS: dict[str, Callable[[Path], Path]] = {
 }
 
 
+def printed(name: str, form: str, before: str = "") -> Callable[[Path], Path]:
+    """Maker of a text of lines of this form: of a time t, rates w, degrees a second d, a quaternion q and a date."""
+
+    def make(folder: Path) -> Path:
+        dates = [f"2024-03-15 10:00:0{t:.3f}" for t in TIME]
+        each = zip(TIME, RATES, DEGREES, TURN, dates, strict=True)
+        lines = [form.format(t=t, w=w, d=d, q=q, date=date) for t, w, d, q, date in each]
+        return text(folder / name, before, [[line] for line in lines])
+
+    return make
+
+
+def workbook(folder: Path) -> Path:
+    """A workbook whose second sheet has the rates, the header as shared texts."""
+    head = "".join(f'<c r="{column}1" t="s"><v>{k}</v></c>' for k, column in enumerate("ABCD"))
+    rows = "".join(
+        f"<row>{''.join(f'<c><v>{cell!r}</v></c>' for cell in (float(t), *map(float, w)))}</row>"
+        for t, w in zip(TIME, RATES, strict=True)
+    )
+    texts = "".join(f"<si><t>{name}</t></si>" for name in ("Time (s)", "wx", "wy", "wz"))
+    with zipfile.ZipFile(folder / "phyphox.xlsx", "w") as archive:
+        archive.writestr("xl/sharedStrings.xml", f"<sst>{texts}</sst>")
+        archive.writestr(
+            "xl/worksheets/sheet1.xml", '<worksheet><row><c r="A1"><v>1</v></c></row></worksheet>'
+        )
+        archive.writestr(
+            "xl/worksheets/sheet2.xml", f'<worksheet xmlns="a"><row>{head}</row>{rows}</worksheet>'
+        )
+    return folder / "phyphox.xlsx"
+
+
+def records(folder: Path) -> Path:
+    h5py = pytest.importorskip("h5py")
+    held = np.zeros(COUNT, dtype=[("t", "f8"), ("timestamp", "f8"), ("wx", "f8"), ("wy", "f8"), ("wz", "f8")])
+    held["t"], held["timestamp"], (held["wx"], held["wy"], held["wz"]) = TIME, 5e6 + 1e6 * TIME, RATES.T
+    with h5py.File(folder / "flight.h5", "w") as file:
+        file["imu/data"] = held
+    return folder / "flight.h5"
+
+
+MAVSDK = ",".join(f"angular_velocity_frd.{axis}_rad_s" for axis in ("forward", "right", "down"))
+ARIA = ",".join(f"{name}_world_device" for name in ("tx", "ty", "tz", "qx", "qy", "qz", "qw"))
+STK_REPORT = "Sat: Axes\n\n  Time (UTCG)    wx (deg/sec)    wy (deg/sec)    wz (deg/sec)\n------    -----    -----    -----"
+ACM = (
+    "CCSDS_ACM_VERS = 2.0\nMETA_START\nEPOCH_TZERO = 2024-03-15T10:00:00\nMETA_STOP\nATT_START\nREF_FRAME_A = EME2000\n"
+    "REF_FRAME_B = SC_BODY_1\nATT_TYPE = QUATERNION"
+)
+AS_IT_IS |= {
+    "axes by words, of MAVSDK": table(
+        "i.csv", f"timestamp_us,acceleration_frd.forward_m_s2,{MAVSDK}", STAMPS_US, 0, RATES
+    ),
+    "frames behind the components, of Aria": table(
+        "a.csv", f"tracking_timestamp_us,{ARIA},quality", STAMPS_US, POSES, 1
+    ),
+    "variables of Modelica": table(
+        "m.csv", ",".join(("time", *(f"body.frame_a.R.w[{k}]" for k in (1, 2, 3)))), TIME, RATES
+    ),
+    "paths of FlightGear": table(
+        "f.csv", ",".join(("Time", *(f"/fdm/velocities/{a}-rad_sec" for a in "pqr"))), TIME, RATES
+    ),
+    "parameters of Yamcs": table(
+        "y.csv",
+        "Generation Time\t/SIM/Gyro.x\t/SIM/Gyro.y\t/SIM/Gyro.z",
+        [f"2024-03-15T10:00:0{t:.3f}Z" for t in TIME],
+        *DEGREES.astype(str).T,
+        between="\t",
+    ),
+    "report of STK with blanks between": table(
+        "r.txt",
+        STK_REPORT,
+        [f"1 Jul 2020 00:00:0{t:.3f}" for t in TIME],
+        *DEGREES.astype(str).T,
+        between="    ",
+    ),
+    "pose of Blender": table(
+        "b.csv", "time_sec,loc_x,loc_y,loc_z,rot_quat_w,rot_quat_x,rot_quat_y,rot_quat_z", TIME, PLACE, WXYZ
+    ),
+    "a title with the unit": table(
+        "s.txt", "Gyroscope in degrees/second\nsample rate = 50.00 Hz\nX\tY\tZ", DEGREES, between="\t"
+    ),
+    "name of the file of MATLAB Mobile": table(
+        "AngularVelocity.csv",
+        "Timestamp,X,Y,Z",
+        [f"15-Mar-2024 10:00:0{t:.3f}" for t in TIME],
+        *RATES.astype(str).T,
+    ),
+    "words below the rows": table("e.csv", "time_s,wx,wy,wz", TIME, RATES, end="Total samples: 40\nEnd\n"),
+    "a last line that is cut": table("e.csv", "time_s,wx,wy,wz", TIME, RATES, end="0.82,0.3"),
+    "lists of MAVSDK": printed(
+        "t.txt", "{t:.2f} AngularVelocityBody: [roll_rad_s: {w[0]}, pitch_rad_s: {w[1]}, yaw_rad_s: {w[2]}]"
+    ),
+    "lines of printf": printed("t.txt", "t={t:.2f} omega=[{w[0]} {w[1]} {w[2]}] n=(1, 2)"),
+    "messages in JSON": printed("t.log", '{date} imu/raw {{"gx": {d[0]}, "gy": {d[1]}, "gz": {d[2]}}}'),
+    "radians/s behind the numbers": printed(
+        "t.log", "{date} -> Gyro X: {w[0]} \tY: {w[1]} \tZ: {w[2]} radians/s"
+    ),
+    "a time in the line above": printed(
+        "t.log", "Timestamp: {t} s\nRotation X: {w[0]}, Y: {w[1]}, Z: {w[2]} rad/s\n"
+    ),
+    "transformations of 4 x 4 by name": table(
+        "h.csv",
+        "timestamp_s," + ",".join(f"T_{row}{column}" for row in range(4) for column in range(4)),
+        TIME,
+        np.concatenate(
+            [np.dstack([matrix_from_quaternion(TURN), PLACE]).reshape(COUNT, 12), COUNT * [[0, 0, 0, 1]]],
+            axis=1,
+        ),
+    ),
+    "quoted numbers with a line of units": table(
+        "q.csv",
+        '"Sample";"Timestamp";"Angular velocity X";"Angular velocity Y";"Angular velocity Z"\n"#";"ms";"rad/s";"rad/s";"rad/s"',
+        range(COUNT),
+        MILLISECONDS,
+        *([f'"{cell}"'.replace(".", ",") for cell in column] for column in RATES.T),
+        between=";",
+    ),
+    "a rate elsewhere in a document": lambda folder: text(
+        folder / "r.json",
+        "",
+        [
+            [
+                json.dumps(
+                    {
+                        "meta": {"fs": 50},
+                        "data": {"gyro": dict(zip(("x", "y", "z"), DEGREES.T.tolist(), strict=True))},
+                    }
+                )
+            ]
+        ],
+    ),
+    "workbook": workbook,
+    "records of HDF5": records,
+    "attitudes of an ACM": lambda folder: text(
+        folder / "s.acm", ACM + "\n", [*np.column_stack([TIME, TURN]).tolist(), ["ATT_STOP"]], " "
+    ),
+}
+
+
 @pytest.mark.parametrize("case", AS_IT_IS)
 def test_a_log_is_read_as_it_is(case: str, tmp_path: Path) -> None:
     require_motion(spinfilters.load(AS_IT_IS[case](tmp_path)))
+
+
+RATE_OF_TURN = 0.8  # rad/s about z
+NUMBERED = "Sat.ElapsedTime.ToSeconds(),Sat.Q[0],Sat.Q[1],Sat.Q[2],Sat.Q[3],"
+
+
+@pytest.mark.parametrize(
+    ("head", "unit"),
+    [
+        (NUMBERED + "Sat.BodyRates[0],Sat.BodyRates[1],Sat.BodyRates[2]", 1.0),
+        (NUMBERED + "Sat.BodyRates[0],Sat.BodyRates[1],Sat.BodyRates[2]", np.degrees(1.0)),
+        (NUMBERED + "a,b,c", np.degrees(1.0)),
+        ("", 1.0),
+    ],
+)
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 0, 1, 2]])
+def test_rates_beside_a_quaternion_prove_what_both_are(
+    head: str, unit: float, order: list[int], tmp_path: Path
+) -> None:
+    rates = unit * np.array([0.0, 0.0, RATE_OF_TURN])
+    rows = [[t, *q[order], *rates] for t, q in zip(TIME, TURN, strict=True)]
+    path = text(tmp_path / "log.csv", f"{head}\n" if head else "", rows)
+    stream = spinfilters.load(path).log.streams[0]
+    assert stream.sensor == "gyro"
+    np.testing.assert_allclose(stream.values, COUNT * [[0.0, 0.0, RATE_OF_TURN]], rtol=1e-6)
+
+
+def folder_of_matrices(folder: Path) -> Path:
+    matrices = np.tile(np.eye(4), (COUNT, 1, 1))
+    matrices[:, :3, :3] = matrix_from_quaternion(TURN)
+    matrices[:, :3, 3] = PLACE
+    for k, matrix in enumerate(matrices):
+        text(folder / "seq" / f"frame-{k:06d}.pose.txt", "", matrix.tolist(), "\t")
+    return folder / "seq"
 
 
 WITH_A_HINT: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
@@ -302,6 +475,12 @@ WITH_A_HINT: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
         {"unit": "deg/s"},
         "--unit",
     ),
+    "a folder with a matrix in each file": (folder_of_matrices, {"rate": 50.0}, "--rate"),
+    "slow rates without a unit": (
+        printed("t.log", "{date} INFO gyro=({w[0]}, {w[1]}, {w[2]})"),
+        {"unit": "rad/s"},
+        "--unit",
+    ),
     "SparkFun": (
         lambda folder: text(
             folder / "p.log",
@@ -345,6 +524,28 @@ def other_times(folder: Path) -> Path:
 
 
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "words between the rows": (
+        table("w.csv", "t_s,wx,wy,wz", TIME, RATES, end="Pause\n0.82,1,1,1\n"),
+        "line 42: 'Pause' has 1 cells",
+    ),
+    "a damaged line without a clock": (
+        lambda folder: text(
+            folder / "d.log",
+            "",
+            [["gx: 1 gy: 2 gz: 3" if k != 7 else "gx: 1 gy: 2g: 3"] for k in range(COUNT)],
+        ),
+        "line 8: has other labels",
+    ),
+    "two rates of one body": (
+        table(
+            "w.csv",
+            "t_s," + ",".join(f"imu{k}/rate/{a}-rad_s" for k in "01" for a in "xyz"),
+            TIME,
+            RATES,
+            RATES,
+        ),
+        "may both be the body rate about x",
+    ),
     "a timetable": (opaque, "writetimetable"),
     "XML with entities": (entities, "document type"),
     "times of another sequence": (other_times, "2 times for 40 poses"),

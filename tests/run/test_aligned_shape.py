@@ -15,10 +15,11 @@ from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.shape_alignment import facet_cloud, fitting_poses, surface_cloud
 from spinfilters.run.comparison_run import RunOutput, compare_into
 from spinfilters.run.run_folder import read_figure_data
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 
 CENTRE = np.array([0.012, -0.02, 0.03])
+ESTIMATES_ALONE = Settings(estimators=("mekf",), verdict=FILTER)
 TURN = Rotation.from_euler("xyz", [100, -40, 160], degrees=True).as_matrix()
 
 
@@ -51,7 +52,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "run"
     with unrendered_pictures():
         recording = simulate(Scenario.simplified(kind="pose", epochs=80, rate_rpm=(4.0, 9.0, 3.0)))
-        compare_into(recording, Settings(estimators=("mekf",)), RunOutput(folder, with_figures=False))
+        compare_into(recording, ESTIMATES_ALONE, RunOutput(folder, with_figures=False))
     place = folder / "reconstruction"
     place.mkdir()
     # model = R'(shape - t): TURN is what the alignment should find

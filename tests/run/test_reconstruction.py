@@ -11,14 +11,14 @@ from spinfilters.cli.main import main
 from spinfilters.io.ply_files import read_ply
 from spinfilters.run.comparison_run import RunOutput, compare_into
 from spinfilters.run.run_folder import mark_run_folder
-from spinfilters.settings.run_settings import ProcessSettings, Settings
+from spinfilters.settings.run_settings import FILTER, ProcessSettings, Settings
 from spinfilters.simulation.image_sequence import ImageScenario, Imaging, render
 from spinfilters.simulation.scenario_record import Scenario
 from spinfilters.vision.track_images import track_images
 from tests.plots.chromium import document_after_scripts, pixels_drawn
 
 RADIUS_M = 0.13
-FLOATING = Settings(estimators=("smoother",), process=ProcessSettings(gravity=False))
+FLOATING = Settings(estimators=("smoother",), process=ProcessSettings(gravity=False), verdict=FILTER)
 
 
 @pytest.fixture(scope="module")

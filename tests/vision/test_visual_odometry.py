@@ -13,6 +13,7 @@ from spinfilters.vision.association import Tracker
 from spinfilters.vision.batch_tracks import found_epochs
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.image_folder import LossCount
+from spinfilters.vision.stereo_geometry import near_pairs
 from spinfilters.vision.stereo_matching import StereoFeatures
 from spinfilters.vision.track_noise import TrackNoise
 
@@ -63,3 +64,15 @@ def test_five_of_fourteen_matches_that_agree_are_no_pose() -> None:
 def test_a_sequence_without_points_has_no_epochs() -> None:
     empty = _sequence([0])[0][1].part(np.zeros(len(_sequence([0])[0][1]), dtype=bool))
     assert found_epochs([(0.0, empty), (0.5, empty)], RIG, OPTIONS) == []
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_near_pairs_are_all_pairs_within_the_radius(dim: int) -> None:
+    generator = np.random.default_rng(0)
+    places, others = generator.uniform(0, 40, (60, dim)), generator.uniform(0, 40, (90, dim))
+    apart = np.linalg.norm(places[:, None] - others, axis=2)
+    found = near_pairs(places, others, 6.0)
+    expected = np.argwhere(apart <= 6.0)
+    np.testing.assert_array_equal(sorted(zip(found.place, found.other, strict=True)), expected)
+    np.testing.assert_allclose(found.distance, apart[found.place, found.other])
+    assert len(near_pairs(places, others[:0], 6.0).place) == 0

@@ -22,7 +22,13 @@ from spinfilters.models.camera_landmarks import StereoLandmark
 from spinfilters.models.measurement import row_by_row
 from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel, noise_model, noise_of_rows
 from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
-from spinfilters.models.tracks.pose_consensus import SMALLEST_SHARE, Matches, MatchTable, consensus_poses
+from spinfilters.models.tracks.pose_consensus import (
+    SMALLEST_SHARE,
+    Consensus,
+    Matches,
+    MatchTable,
+    consensus_poses,
+)
 
 
 class MatchRows(NamedTuple):
@@ -116,9 +122,11 @@ def _stereo(noise: SensorNoiseModel, camera: StereoPair) -> StereoLandmark:
     return StereoLandmark(StateLayout(POSE_BLOCKS), noise, camera)
 
 
-def fit_pose(matches: Matches, calibration: Float[np.ndarray, " c"]) -> FittedPose | None:
-    """`fit_poses` of one epoch."""
-    return fit_poses([matches], calibration)[0]
+def fit_pose(
+    matches: Matches, calibration: Float[np.ndarray, " c"], settled: float = SETTLED
+) -> FittedPose | None:
+    """`fit_poses` of one epoch; steps of less than ``settled`` standard deviations end it."""
+    return _fit_poses([matches], calibration, settled)[0]
 
 
 def fit_poses(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> list[FittedPose | None]:
@@ -135,17 +143,38 @@ def fit_poses(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -
     """
     found: list[FittedPose | None] = []
     for first in range(0, len(epochs), EPOCHS_AT_ONCE):
-        found += _fit_poses(epochs[first : first + EPOCHS_AT_ONCE], calibration)
+        found += _fit_poses(epochs[first : first + EPOCHS_AT_ONCE], calibration, SETTLED)
     return found
 
 
-def _fit_poses(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> list[FittedPose | None]:
+def _fit_poses(
+    epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"], settled: float
+) -> list[FittedPose | None]:
     table = MatchTable.of(epochs, calibration)
-    fits: list[FittedPose | None] = [None] * len(epochs)
     if not table.given.any():
-        return fits
+        return [None] * len(epochs)
     model = _stereo(noise_model(epochs[0].noise, 3), stereo_pair(calibration))
-    rough = consensus_poses(table, calibration)
+    return _refine_poses(model, table, consensus_poses(table, calibration), settled)
+
+
+def refine_pose(
+    matches: Matches, calibration: Float[np.ndarray, " c"], pose: Float[np.ndarray, " 7"], settled: float
+) -> FittedPose | None:
+    """`fit_pose` from a near pose, on which most matches agree; steps of less than ``settled`` standard deviations end it."""
+    table = MatchTable.of([matches], calibration)
+    if not table.given.any():
+        return None
+    model = _stereo(noise_model(matches.noise, 3), stereo_pair(calibration))
+    near = Consensus(pose[None].copy(), np.ones(1, dtype=bool), table.given)
+    return _refine_poses(model, table, near, settled)[0]
+
+
+def _refine_poses(
+    model: StereoLandmark, table: MatchTable, rough: Consensus, smallest: float
+) -> list[FittedPose | None]:
+    """Fits from rough poses by Gauss-Newton until the steps, in standard deviations, are small."""
+    fits: list[FittedPose | None] = [None] * len(rough.poses)
+    counts = table.counts.tolist()
     poses, points, moving = rough.poses, table.points.copy(), rough.found.copy()
     for iteration in range(ITERATIONS):
         rows = np.flatnonzero(moving)
@@ -153,10 +182,10 @@ def _fit_poses(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) 
             break
         step = _gauss_newton(model, table.part(moving), poses[moving], points[moving], rough.agreeing[moving])
         poses[rows], points[rows] = step.poses, step.points
-        settled = step.determined & (step.length < SETTLED)
+        settled = step.determined & (step.length < smallest)
         done = step.determined if iteration == ITERATIONS - 1 else settled
         for k in np.flatnonzero(done):
-            given = slice(len(epochs[rows[k]].points))
+            given = slice(counts[rows[k]])
             fits[rows[k]] = FittedPose(
                 step.poses[k],
                 np.linalg.inv(step.information[k]),
