@@ -45,6 +45,21 @@ def test_a_campaign_is_run_reported_and_one_of_its_runs_repeated(
     assert (tmp_path / "again" / "gyro.csv").exists()
 
 
+def test_a_campaign_without_any_result_is_no_success(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused = {"outcome": "failed", "reason": "the recording is too short"}
+    monkeypatch.setattr(
+        DaskCluster,
+        "rows",
+        lambda _, study, chunks: ({**row, **refused} for row in InProcess().rows(study, chunks)),
+    )
+    assert main(["campaign", str(study), "-o", str(tmp_path / "out")]) == 1
+    assert (
+        "4 of the new ones without a result (mostly: the recording is too short)" in capsys.readouterr().out
+    )
+
+
 def test_python_gives_a_frame_of_the_same_rows(study: Path, tmp_path: Path) -> None:
     rows = spinfilters.campaign(study, tmp_path / "out")
     assert rows["run"].tolist() == [0, 1, 2, 3]

@@ -29,7 +29,7 @@ class RunStudyArguments:
 
 
 def run_study(options: RunStudyArguments) -> int:
-    """Run every cell of a study with every seed, with a bar of progress."""
+    """Run every cell of a study with every seed, with a bar of progress; 1 where no run of them all has a result."""
     if options.shard is not None:
         raise InputError(NO_SHARDS)
     done = rows_with_bar(options.study, Path(options.output), options.how, "runs", "with --resume ")
@@ -47,7 +47,7 @@ def run_study(options: RunStudyArguments) -> int:
             "commonest_reason": done.commonest_reason or None,
         }
     )
-    return 0
+    return int(0 < done.faulty == done.done)
 
 
 @dataclass(frozen=True, kw_only=True)
