@@ -116,6 +116,8 @@ _OTHERS: Final = (
     "user",
 )
 """Words of other vectors, with which no rate is meant."""
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
+"""In what is no name: a terminal would obey it."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,7 @@ def _groups(names: Sequence[str]) -> Iterator[_Group]:
     """Groups of columns that have one of each axis, whose names are alike otherwise."""
     places: dict[tuple[tuple[str, ...], str, tuple[str, ...]], dict[str, list[int]]] = {}
     for k, name in enumerate(names):
-        words, unit = _words_and_unit(name)
+        words, unit = ([], "") if _CONTROL.search(name) else _words_and_unit(name)
         for place, word in enumerate(words):
             rest = (*words[:place], "", *words[place + 1 :])
             for axes in (*_THREE, *_FOUR):
