@@ -100,6 +100,10 @@ _CALENDAR: Final = ("year", "month", "day")
 _PX4_QUATERNION: Final = ("q[0]", "q[1]", "q[2]", "q[3]")
 """Scalar first where it stands with the attitude's reset counter or the sample's time stamp."""
 
+_PART: Final = re.compile(r"['\"]([^'\"]*)['\"]")
+_TUPLE: Final = re.compile(rf"\({_PART.pattern}(?:, ?{_PART.pattern})*,?\)")
+"""A name of several levels as Python prints it: ('gyro', 'x')."""
+
 
 def understood_names(names: Sequence[str]) -> list[str]:
     """The names of columns, in the words by which their headings are understood; those of other loggers as they are."""
@@ -111,6 +115,8 @@ def understood_names(names: Sequence[str]) -> list[str]:
     elif len(names) > 1 and all(name.startswith("/") for name in names):  # paths of one topic
         common = os.path.commonpath(names)
         names = [name[len(common) :].lstrip("/").replace("/", ".") for name in names]
+    elif names and all(map(_TUPLE.fullmatch, names)):
+        names = ["_".join(filter(None, _PART.findall(name))) for name in names]
     names = [_plainly_spelled(name) for name in _of_gopro(names)]
     found = [_MRP_PLACES.get(each, each) for each in map(_without_frames, names)]
     bare = {_plain(name): k for k, name in enumerate(found)}

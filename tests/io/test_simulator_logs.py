@@ -435,6 +435,11 @@ WITH_A_HINT: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
         {"unit": "rad/s"},
         "--unit",
     ),
+    "names of several levels": (
+        table("l.csv", """"('time', 's')","('gyro', 'x')","('gyro', 'y')","('gyro', 'z')\"""", TIME, RATES),
+        {"unit": "rad/s"},
+        "--unit",
+    ),
     "dates without a header": (
         lambda folder: text(
             folder / "ck.txt",
