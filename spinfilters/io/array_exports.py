@@ -308,12 +308,31 @@ def _flat(held: Mapping[str, Any], before: str = "") -> dict[str, np.ndarray]:
             found |= {f"{before}{label}": values for label, values in signals.items()}
         elif isinstance(value, dict) and before.count(".") < _DEEPEST_GROUP:
             found |= _flat(value, f"{before}{name}.")
+        elif (records := _fields_of_records(value)) and before.count(".") < _DEEPEST_GROUP:
+            found |= _flat(records, f"{before}{name}.")
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
             whole = f"{before}{name}".removesuffix(".signals.values")  # a structure with time of Simulink
             found[whole.removesuffix(".Data") if "Time" in held else whole] = (
                 value  # a timeseries as a structure
             )
     return found
+
+
+def _fields_of_records(value: Any) -> dict[str, Any]:
+    """Fields of an array of structures as arrays, a row for each structure, of those with as many numbers in each."""
+    rows = (
+        list(value) if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim == 1) else []
+    )
+    if len(rows) < 2 or not all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows):
+        return {}
+    fields: dict[str, Any] = {}
+    for name in rows[0]:
+        held = [row[name] for row in rows]
+        if all(isinstance(each, dict) for each in held):
+            fields[name] = held
+        elif len({np.shape(each) for each in held}) == 1 and np.ndim(held[0]) < 2:
+            fields[name] = np.array(held)
+    return fields
 
 
 def _signals(value: Any) -> dict[str, np.ndarray]:
@@ -399,7 +418,7 @@ def _parquet(path: Path, stated: Sequence[str]) -> ArrayColumns:
         ) from None
     try:
         with parquet.ParquetFile(path) as file:
-            names = [field.name for field in file.schema_arrow if _is_number(str(field.type))]
+            names = list(_number_fields(file.schema_arrow))
             twice = next((name for name in names if names.count(name) > 1), None)
             if twice is not None:
                 raise InputError(
@@ -412,12 +431,25 @@ def _parquet(path: Path, stated: Sequence[str]) -> ArrayColumns:
                 )
             _require_size(path, 8 * file.metadata.num_rows * len(names))
             table = file.read(columns=names)
+        while any(str(field.type).startswith("struct<") for field in table.schema):
+            table = table.flatten()
         arrays = {name: _numbers_of_column(table[name]) for name in names}
     except (ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError) as error:
         raise InputError(
             f"{path_text(path)}: is no whole Parquet file ({reason(error)}); write it again"
         ) from None
     return _columns_of(path, arrays, stated)
+
+
+def _number_fields(fields: Any, before: str = "") -> Iterator[str]:
+    """Names of the columns of numbers, and of the fields of numbers within columns of structures, with dots."""
+    for field in fields:
+        if str(field.type).startswith("struct<") and before.count(".") < _DEEPEST_GROUP:
+            yield from _number_fields(
+                [field.type.field(k) for k in range(field.type.num_fields)], f"{before}{field.name}."
+            )
+        elif _is_number(str(field.type)):
+            yield f"{before}{field.name}"
 
 
 _IN_LISTS: Final = re.compile(r"(?:fixed_size_|large_)?list<\w+: (.*?)>(?:\[\d+\])?")

@@ -73,6 +73,10 @@ _TIME_WORD = re.compile(
     r"system|local|sample|monotonic|field|start|in|realtime|tout|"
     r"zeit|temps|tiempo|tempo)"
 )
+_WHAT_HAS_CLOCKS = frozenset(
+    {"device", "sensor", "gyro", "motion", "logging", "system", "local", "field", "start", "in"}
+)
+"""Words among those for time that alone say none: a column called gyro may be a grade of its calibration."""
 _OF_DATES = re.compile(
     r"utcg?|gmt|tai|local|iso ?8601|h{1,2}:m{1,2}:s{1,2}(?:[.,:][0-9sfx]+)?|(?:yyyy|dd|mm)[-/.].*"
 )
@@ -109,7 +113,7 @@ _PREFIX = re.compile(r"field|data|imu|sensor|msg|motion|value|mpu|icm|bno|lsm|bm
 _OF_BODY = re.compile(r"b|bf|body|bodyframe|frd|flu")
 _OF_BODY_AT_LENGTH = re.compile(r"body|bodyframe|frd|flu")
 """Word behind a quantity that says in whose axes it is: omega_b_x; of others, such as omega_i_x, it is no body rate."""
-_NOT_MOTION = re.compile(r"std|cov|bias|raw|uncal|magn|setpoint|desired|temp|sum|abs|norm")
+_NOT_MOTION = re.compile(r"std|cov|bias|raw|uncal|magn|setpoint|desired|temp(?!s$|o$)|sum|abs|norm")
 """Beginning of a word of columns that are no measured component."""
 
 FOREIGN: Final = "foreign"
@@ -204,6 +208,8 @@ def _time(words: list[str], unit: str) -> Heading | None:
     named = [word for word in others if not _WHOSE_CLOCK.fullmatch(word)]
     others = named if named or is_late or unit or spelled else others
     if not all(_TIME_WORD.fullmatch(word) for word in others) or len(spelled) > 1:
+        return None
+    if others and not (spelled or unit or is_late) and _WHAT_HAS_CLOCKS.issuperset(others):
         return None
     if unit and unit not in _BRACKETED_TIME and not _OF_DATES.fullmatch(unit):
         return None

@@ -3,6 +3,7 @@
 - ``12:34:05.020 -> gx:0.31 gy:1.49 gz:0.06``, ``Rotation X: 0.31, Y: 1.49, Z: 0.06 rad/s``
 - ``t=0.02 w=[0.31 1.49 0.06] q=(0, 0, 0, 1)``
 - ``2024-03-15 10:00:00,020 INFO imu gyro: {x: 0.31, y: 1.49, z: 0.06}``
+- ``2024-03-15T10:00:00.020,FD,1C,mavlink_attitude_t,rollspeed,0.31,pitchspeed,1.49,yawspeed,0.06``
 
 A number is called by the label in front of it, behind those of the brackets around it. Numbers that follow one label are the
 components of a vector. Lines with the same labels are the rows of one table.
@@ -11,6 +12,7 @@ components of a vector. Lines with the same labels are the rows of one table.
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -32,7 +34,7 @@ from spinfilters.io.motion_columns import motion_columns
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
-from spinfilters.io.stated_values import ReadingOptions
+from spinfilters.io.stated_values import ReadingOptions, to_state
 
 _HEAD: Final = 1 << 14
 _FEWEST: Final = 3
@@ -49,16 +51,20 @@ _LABEL: Final = re.compile(
     r"""["']?([A-Za-z_](?:[\w./-]| (?=[A-Za-z_]))*(?:\[\d\])?)["']?\s*(?:\(([^()]{1,9})\)\s*)?([:=]?)\s*$"""
 )
 """A label at the end of a text, perhaps with the unit of its numbers."""
+_NAME: Final = re.compile(r"[A-Za-z_][\w.]*(?:\[\d\])?")
+_WHOLE: Final = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+"""A cell that is a name, and one that is a number."""
 _OPENING, _CLOSING = "[({", "])}"
 _MOST_NUMBERS: Final = 200
 
 
 class _Line(NamedTuple):
-    """Number of a line, labels of its numbers with their units, and these; the first may be its date, s."""
+    """Number of a line, its labels with their units, its numbers, the first perhaps its date (s), and the name of its message."""
 
     line: int
     labels: tuple[str, ...]
     numbers: tuple[float, ...]
+    message: str = ""
 
 
 def has_labelled_lines(path: Path) -> bool:
@@ -83,6 +89,14 @@ def read_labelled_lines(path: Path, options: ReadingOptions) -> Dataset:
             f"{path_text(path)}: no line has body rates about x, y and z; print them as gx:0.1 gy:0.2 gz:0.3"
         )
     chosen = [line for line in lines if line.labels == moving[0]]
+    messages = sorted({line.message for line in chosen})
+    if options.topic in messages:
+        chosen = [line for line in chosen if line.message == options.topic]
+        options = replace(options, topic=None)
+    elif len(messages) > 1:
+        raise InputError(
+            f"{path_text(path)}: {', '.join(messages[:6])} each have body rates; give {to_state('topic', 'ONE OF THEM')}"
+        )
     columns = dict(zip(moving[0], np.array([line.numbers for line in chosen]).T, strict=True))
     if not _has_clock(moving[0]):
         columns = _times_above(lines, chosen) | columns
@@ -228,6 +242,7 @@ def _line(number: int, text: str) -> _Line | None:
     time = seconds_of_clock(found[0]) if found is not None else None
     if found is not None and time is not None:
         text = text[: found.start()].rstrip("[ ") + " " + text[found.end() :].lstrip("] ")
+    text, message = _pairs(text)
     reading, numbers, place = _Reading(), [], 0
     for each in _NUMBER.finditer(text):
         if each.start() < place:
@@ -244,10 +259,10 @@ def _line(number: int, text: str) -> _Line | None:
     if not reading.own or (sum(bool(label) for label in labels) < _FEWEST and not is_time):
         return None
     if time is not None:
-        return _Line(number, ("time (s)", *labels), (time, *numbers))
+        return _Line(number, ("time (s)", *labels), (time, *numbers), message)
     if labels and not labels[0]:
         labels = ("time", *labels[1:])
-    return _Line(number, labels, tuple(numbers))
+    return _Line(number, labels, tuple(numbers), message)
 
 
 def _called(reading: _Reading) -> tuple[str, ...]:
@@ -268,6 +283,24 @@ def _called(reading: _Reading) -> tuple[str, ...]:
         named = [name.partition(".")[2] for name in named]
     twice = {name for name in named if named.count(name) > 1}
     return tuple("" if name in twice else name for name in named)
+
+
+def _pairs(text: str) -> tuple[str, str]:
+    """A line whose cells end with pairs of a name and a number as one of labels, and the name in front of them; else itself."""
+    cells = text.rstrip(" ,;").split(";" if text.count(";") > text.count(",") else ",")
+    begin = len(cells)
+    while (
+        begin > 1 and _NAME.fullmatch(cells[begin - 2].strip()) and _WHOLE.fullmatch(cells[begin - 1].strip())
+    ):
+        begin -= 2
+    if len(cells) - begin < 2 * _FEWEST:
+        return text, ""
+    own = [
+        f"{name.strip()}: {number.strip()}"
+        for name, number in zip(cells[begin::2], cells[begin + 1 :: 2], strict=True)
+    ]
+    message = cells[begin - 1].strip() if begin else ""
+    return " ".join(own), message if _NAME.fullmatch(message) else ""
 
 
 def _units(parts: Sequence[Sequence[str]], units: Sequence[str]) -> list[str]:

@@ -14,6 +14,7 @@ from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.headings import SECONDS, TICKS, TIME_UNITS, Quantity, is_unit_of_time, parts_of, words_of
 from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.long_table import long_columns
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
 from spinfilters.io.motion_columns import EXAMPLE, KNOWN_UNITS, MotionColumns, VectorColumns, motion_columns
 from spinfilters.io.named_columns import NamedColumns, RenamedColumns, TextColumns, as_measured
@@ -155,7 +156,9 @@ class MotionTable:
 def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None = None) -> MotionTable:
     """Poses, attitudes or body rates of a text table. See `motion_of`; InputError: as `read_layout`, too."""
     options.require_only(("unit", "clock", "rate", "columns", "topic"), "a table")
-    source: NamedColumns = TextColumns(path, read_layout(path, options.column_names))
+    layout = read_layout(path, options.column_names)
+    source: NamedColumns | None = None if options.columns is not None else long_columns(path, layout)
+    source = source or TextColumns(path, layout)
     if bare == "rate" and "angularvelocity" in re.sub(
         r"[^a-z]", "", path.stem.lower()
     ):  # by convention in rad/s
@@ -252,6 +255,8 @@ def _clock_by_numbers(source: NamedColumns, columns: MotionColumns) -> tuple[int
             continue
         if table.is_dated:
             dated.append((k, ""))
+        elif not is_named and (since_1970 := _unit_since_1970(table.values[:, 0])):
+            dated.append((k, since_1970))
         elif is_named or (is_index and (table.values[:, 0] != np.round(table.values[:, 0])).any()):
             spelled = {
                 TIME_UNITS[word] for word in words_of(source.names[k].replace("(", " ")) if word in TIME_UNITS
@@ -266,6 +271,25 @@ def _clock_by_numbers(source: NamedColumns, columns: MotionColumns) -> tuple[int
         if len(found) == 1 or (found and found[0][1]):
             return found[0]
     return None
+
+
+_YEARS: Final = (1.0e9, 4.1e9)
+"""Seconds from 1970 to 2001 and to 2099."""
+
+
+def _unit_since_1970(stamps: Float[np.ndarray, " n"]) -> str:
+    """Unit in which whole stamps that always rise are instants of this century; empty of others, and of whole seconds."""
+    if (stamps != np.round(stamps)).any() or (np.diff(stamps) <= 0).any():
+        return ""
+    units = (unit for unit in ("ms", "us", "ns"))
+    return next(
+        (
+            unit
+            for unit in units
+            if _YEARS[0] < SECONDS[unit] * stamps[0] < SECONDS[unit] * stamps[-1] < _YEARS[1]
+        ),
+        "",
+    )
 
 
 def _keys(source: NamedColumns, column: int) -> Table | None:

@@ -578,12 +578,13 @@ def data_lines(path: Path, layout: TableLayout) -> Iterator[tuple[int, str]]:
 
 
 def _encoding(path: Path) -> str:
-    """Encoding by byte order mark, UTF-16 without one by NUL bytes, else UTF-8."""
+    """Encoding by byte order mark, UTF-16 without one by NUL bytes, that of Windows by its letters in a header, else UTF-8."""
     try:
         with open(path, "rb") as stream:
-            head = stream.read(64)
+            begin = stream.read(_HEAD_BYTES)
     except OSError as error:
         raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
+    head = begin[:64]
     for mark, encoding in _BYTE_ORDER_MARKS:
         if head.startswith(mark):
             return encoding
@@ -591,13 +592,36 @@ def _encoding(path: Path) -> str:
         for start, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
             if not any(head[start::2]) and all(head[1 - start :: 2]):
                 return encoding
-    return "utf-8"
+    return _WINDOWS if _is_header_of_windows(begin) else "utf-8"
+
+
+_HEAD_BYTES: Final = 1 << 14
+_WINDOWS: Final = "cp1252"
+_SIGNS: Final = frozenset("°²³µ·")
+"""Of units, among the letters of Windows."""
+
+
+def _is_header_of_windows(begin: bytes) -> bool:
+    """Whether words above the first row of numbers are no UTF-8, and all their bytes letters of Windows or signs of units."""
+    lines = begin.splitlines()[: PREAMBLE_LINES + 1][:-1]
+    words = list(itertools.takewhile(lambda line: not line.lstrip(b"\"' +-.,;\t")[:1].isdigit(), lines))
+    above = b"\n".join(words)
+    try:
+        above.decode("utf-8")
+    except UnicodeDecodeError:
+        with suppress(UnicodeDecodeError):
+            letters = above.decode(_WINDOWS)
+            return len(words) < len(lines) and all(
+                sign.isascii() or sign.isalpha() or sign in _SIGNS for sign in letters
+            )
+    return False
 
 
 def not_text(path: Path, encoding: str, error: UnicodeError) -> InputError:
     """InputError for the first byte that is not of the encoding."""
     if not encoding.startswith("utf-8"):
-        return InputError(f"{path_text(path)}: is not UTF-16 ({reason(error)}); save it as UTF-8 text")
+        found = "of one encoding" if encoding == _WINDOWS else "UTF-16"
+        return InputError(f"{path_text(path)}: is not {found} ({reason(error)}); save it as UTF-8 text")
     with open(path, "rb") as stream:
         for number, line in enumerate(stream, start=1):
             try:

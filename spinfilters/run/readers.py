@@ -446,7 +446,9 @@ class ArrayExportReader(StatedReader):
         return read_array_export(path, self.options)
 
 
-_LABELLED: Final = re.compile(r"""[A-Za-z_\]]["']?\s*[:=]?\s*[\[({]*\s*[-+.\d]|[\]})]\s*[:=]""")
+_LABELLED: Final = re.compile(
+    r"""[A-Za-z_\]]["']?\s*[:=]?\s*[\[({]*\s*[-+.\d]|[\]})]\s*[:=]|[A-Za-z_],[-+.\d]"""
+)
 """A label with a number, which lines of labels have at least."""
 
 

@@ -385,9 +385,90 @@ AS_IT_IS |= {
 }
 
 
+def tlog(folder: Path, *messages: str) -> Path:
+    """The text of Mission Planner, a line for each of the messages at each time."""
+    lines = [
+        f"2024-03-15T10:00:0{t:.3f},FD,1C,0,{k:X},1,1E,{name},time_boot_ms,{20 * k},"
+        f"rollspeed,{w[0]},pitchspeed,{w[1]},yawspeed,{w[2]},"
+        for k, (t, w) in enumerate(zip(TIME, RATES.tolist(), strict=True))
+        for name in messages or ("mavlink_attitude_t",)
+    ]
+    return text(folder / "flight.csv", "", [[line] for line in lines])
+
+
+def french(folder: Path, damaged: bool = False) -> Path:
+    """A table of Excel in the encoding of Windows."""
+    head = "Temps (s);Vitesse angulaire X (°/s);Vitesse angulaire Y (°/s);Vitesse angulaire Z (°/s);Accélération X (m/s²)"
+    path = table("essai.csv", head, TIME, DEGREES, 9.8, between=";")(folder)
+    whole = path.read_text().replace(".", ",").encode("cp1252")
+    path.write_bytes(whole[:-400] + b"\xb5" + whole[-400:] if damaged else whole)
+    return path
+
+
+def array_of_structures(folder: Path) -> Path:
+    from scipy.io import savemat
+
+    held = np.zeros((1, COUNT), dtype=[("t", object), ("omega", object)])
+    for k in range(COUNT):
+        held[0, k] = (TIME[k], RATES[k][:, None])
+    savemat(folder / "log.mat", {"log": held})
+    return folder / "log.mat"
+
+
+def structures_in_parquet(folder: Path) -> Path:
+    pyarrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    rows = [{"gyro_rad_s": dict(zip("xyz", rate, strict=True)), "state": "ok"} for rate in RATES.tolist()]
+    times = pyarrow.array(
+        [1_700_000_000_000_000_000 + 1000 * stamp for stamp in STAMPS_US], pyarrow.timestamp("ns")
+    )
+    parquet.write_table(pyarrow.table({"stamp": times, "imu": rows}), folder / "imu.parquet")
+    return folder / "imu.parquet"
+
+
+def long_form(folder: Path, name: str, form: str, head: str) -> Path:
+    lines = [
+        form.format(t=t, name=name, axis=axis, value=value, date=f"2024-03-15T10:00:0{t:.3f}Z")
+        for t, rate in zip(TIME, RATES.tolist(), strict=True)
+        for axis, value in zip("xyz", rate, strict=True)
+    ]
+    return text(folder / "long.csv", head + "\n", [[line] for line in lines])
+
+
+AS_IT_IS |= {
+    "pairs of Mission Planner": tlog,
+    "letters of Windows in a header": french,
+    "array of structures of MATLAB": array_of_structures,
+    "structures within Parquet": structures_in_parquet,
+    "long form": lambda folder: long_form(
+        folder, "gyro", "{t},{name},{axis},{value},rad/s", "time_s,sensor,axis,value,unit"
+    ),
+    "long form of InfluxDB": lambda folder: long_form(
+        folder,
+        "omega",
+        ",,0,{date},{value},{name}_{axis}",
+        "#default,_result,,,,\n,result,table,_time,_value,_field",
+    ),
+    "nanoseconds since 1970 by another name": table(
+        "p.csv",
+        "# frame_id, translation_x, translation_y, translation_z, quaternion_x, quaternion_y, quaternion_z, quaternion_w, scale",
+        [1_700_000_000_000_000_000 + 20_000_000 * k for k in range(COUNT)],
+        POSES,
+        1,
+    ),
+}
+
+
 @pytest.mark.parametrize("case", AS_IT_IS)
 def test_a_log_is_read_as_it_is(case: str, tmp_path: Path) -> None:
     require_motion(spinfilters.load(AS_IT_IS[case](tmp_path)))
+
+
+def test_one_of_two_messages_of_body_rates_is_asked_for(tmp_path: Path) -> None:
+    path = tlog(tmp_path, "first_t", "second_t")
+    with pytest.raises(InputError, match="first_t, second_t each have body rates; give --topic"):
+        spinfilters.load(path)
+    require_motion(spinfilters.load(path, topic="second_t"))
 
 
 RATE_OF_TURN = 0.8  # rad/s about z
@@ -480,6 +561,11 @@ WITH_A_HINT: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
         {"unit": "deg/s"},
         "--unit",
     ),
+    "a grade of a gyro, which is no clock": (
+        printed("b.txt", "qW: {q[3]} qX: {q[0]} qY: {q[1]} qZ: {q[2]}\t\tSys:3 Gyro:3 Accel:3"),
+        {"rate": 50.0},
+        "no column is a clock",
+    ),
     "a folder with a matrix in each file": (folder_of_matrices, {"rate": 50.0}, "--rate"),
     "slow rates without a unit": (
         printed("t.log", "{date} INFO gyro=({w[0]}, {w[1]}, {w[2]})"),
@@ -550,6 +636,19 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
             RATES,
         ),
         "may both be the body rate about x",
+    ),
+    "a byte of Windows in a number": (lambda folder: french(folder, damaged=True), "not a number; correct"),
+    "a component that is twice at one time": (
+        lambda folder: long_form(folder, "gyro", "{t},{name},{value}", "time_s,sensor,value"),
+        "line 3: 'gyro' is twice",
+    ),
+    "long form without a number": (
+        lambda folder: text(
+            folder / "l.csv",
+            "time_s,name,value\n",
+            [(t, f"gyro_{a}", 1.0) for t in TIME for a in "xyz" if a == "x" or t != TIME[3]],
+        ),
+        "has other times",
     ),
     "a timetable": (opaque, "writetimetable"),
     "XML with entities": (entities, "document type"),
