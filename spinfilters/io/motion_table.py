@@ -550,14 +550,19 @@ _OF_COUNTS: Final = re.compile(r"adc|raw|count|lsb", re.IGNORECASE)
 
 
 def _only_plausible_unit(table: Table) -> str:
-    """Degrees, of rates that are too fast for a gyro in rad/s and not in deg/s; empty of others, and of counts."""
+    """Degrees, of rates that are too fast for a gyro in rad/s and not in deg/s; empty of others, of counts and of spikes."""
     rates = table.values[:, -3:]
     largest = float(np.abs(rates).max())
     is_count = bool((rates == np.round(rates)).all()) or any(
         _OF_COUNTS.search(name) for name in table.names[-3:]
     )
-    is_fast = MOTION_TABLE_FASTEST < largest < MOTION_TABLE_FASTEST / RATE_UNITS["deg/s"]
-    return "deg/s" if is_fast and not is_count else ""
+    if is_count or largest >= MOTION_TABLE_FASTEST / RATE_UNITS["deg/s"]:
+        return ""
+    fast = (np.abs(rates) > MOTION_TABLE_FASTEST).any(axis=1)
+    lasting = np.count_nonzero(
+        fast[1:] & fast[:-1]
+    )  # what turns fast does so for more than a sample; an outlier does not
+    return "deg/s" if lasting >= max(3, np.count_nonzero(fast) / 2) else ""
 
 
 def _length_unit(table: Table, vector: VectorColumns, options: ReadingOptions) -> str:

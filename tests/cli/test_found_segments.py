@@ -19,7 +19,7 @@ def recording(tmp_path: Path) -> Path:
     """Two throws, whose columns do not say their unit."""
     log = carried(0.005, np.random.default_rng(1))
     path = tmp_path / "throws.csv"
-    rows = np.column_stack([log.time, np.rad2deg(log.rates)])
+    rows = np.column_stack([log.time, log.rates])
     np.savetxt(path, rows, delimiter=",", header="time,gyroX,gyroY,gyroZ", comments="")
     return path
 
@@ -29,7 +29,7 @@ def test_flights_are_listed_and_the_unit_is_asked_for(
 ) -> None:
     assert main(["segments", str(recording)]) == 2
     assert "give --unit deg/s or rad/s (Python: unit=...)" in capsys.readouterr().err
-    assert main(["segments", str(recording), "--unit", "deg/s"]) == 0
+    assert main(["segments", str(recording), "--unit", "rad/s"]) == 0
     printed = capsys.readouterr().out
     assert "2.000" in printed
     assert "4.5" in printed
@@ -45,7 +45,7 @@ def test_all_flights_are_compared_and_pooled(
 
     monkeypatch.setattr("spinfilters.run.segment_runs.run_segments", estimated)
     run = tmp_path / "run"
-    arguments = ["compare", str(recording), "--unit", "deg/s", "--segment", "auto", "--estimators", "mekf"]
+    arguments = ["compare", str(recording), "--unit", "rad/s", "--segment", "auto", "--estimators", "mekf"]
     assert main([*arguments, "-o", str(run)]) == 0
     document = json.loads((run / "segments.json").read_text())
     assert list(document["segments"]) == ["1", "2"]
@@ -69,7 +69,7 @@ def test_flights_of_all_recordings_in_a_folder_are_compared_and_numbered_through
 
     monkeypatch.setattr("spinfilters.run.segment_runs.run_segments", estimated)
     run = tmp_path / "run"
-    arguments = ["compare", str(folder), "--unit", "deg/s", "--segment", "auto", "--estimators", "mekf"]
+    arguments = ["compare", str(folder), "--unit", "rad/s", "--segment", "auto", "--estimators", "mekf"]
     assert main([*arguments, "-o", str(run)]) == 0
     document = json.loads((run / "segments.json").read_text())
     assert list(document["segments"]) == ["1", "2", "3", "4", "5"]

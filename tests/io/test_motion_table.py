@@ -201,6 +201,16 @@ def test_headings_that_cannot_be_told_are_refused_in_one_line(header: str, says:
     assert len(str(refusal.value)) - len(str(tmp_path)) < 280
 
 
+def test_outliers_do_not_tell_the_unit(tmp_path: Path) -> None:
+    rates = np.random.default_rng(1).normal(0, 2, (200, 3))
+    rates[::12, 1] = 200.0
+    path = tmp_path / "gyro.csv"
+    rows = np.column_stack([np.arange(200) / 100, rates])
+    np.savetxt(path, rows, delimiter=",", header="time,gyroX,gyroY,gyroZ", comments="")
+    with pytest.raises(InputError, match=r"do not say their unit \(largest 200\)"):
+        read_dataset(path)
+
+
 def test_rates_in_degrees_are_noticed_where_the_header_states_no_unit(tmp_path: Path) -> None:
     rows = ROWS * [1.0, 200.0, 200.0, 200.0]
     with pytest.raises(InputError, match=r"line 4: a rate of 278\.6 rad/s .* give --unit deg/s"):
