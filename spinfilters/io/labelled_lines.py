@@ -43,6 +43,8 @@ _NUMBER: Final = re.compile(r"(?<![A-Za-z0-9_.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][
 _DATE: Final = re.compile(
     r"(?:\d{4}[-/]\d{1,2}[-/]\d{1,2}[T ])?(?<!\d)\d{1,2}:\d{2}:\d{2}(?:[.,:]\d+)?(?:Z|[+-]\d{2}:?\d{2})?(?!\d)"
 )
+_TICKS: Final = re.compile(r"(?:\x1b\[[\d;]*m)?[EWIDV] \((\d+)\) ")
+"""Of ESP-IDF: the level of a message, and ms since the start."""
 _UNIT: Final = re.compile(
     r"\s*\(?((?:m?rad(?:ians?)?|m?deg(?:rees?)?|°)/s(?:ec(?:ond)?)?|m?dps|m/s\^?2|m/s/s|[mun]?s|m?g)\)?(?![A-Za-z:=])"
 )
@@ -242,7 +244,8 @@ def _line(number: int, text: str) -> _Line | None:
     time = seconds_of_clock(found[0]) if found is not None else None
     if found is not None and time is not None:
         text = text[: found.start()].rstrip("[ ") + " " + text[found.end() :].lstrip("] ")
-    text, message = _pairs(text)
+    ticks = _TICKS.match(text) if time is None else None
+    text, message = _pairs(text if ticks is None else text[ticks.end() :])
     reading, numbers, place = _Reading(), [], 0
     for each in _NUMBER.finditer(text):
         if each.start() < place:
@@ -260,6 +263,8 @@ def _line(number: int, text: str) -> _Line | None:
         return None
     if time is not None:
         return _Line(number, ("time (s)", *labels), (time, *numbers), message)
+    if ticks is not None:
+        return _Line(number, ("time (ms)", *labels), (float(ticks[1]), *numbers), message)
     if labels and not labels[0]:
         labels = ("time", *labels[1:])
     return _Line(number, labels, tuple(numbers), message)

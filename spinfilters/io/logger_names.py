@@ -70,6 +70,8 @@ _VICON: Final = {**{f"r{axis}": f"q{axis}" for axis in "xyzw"}, **{f"t{axis}": f
 """Names about x, y, z, and the stem that they have here; omega is in rad/s by convention, gyro in no unit."""
 _ARDUPILOT: Final = ("GyrX", "GyrY", "GyrZ")
 """In rad/s where the clock is TimeUS."""
+_ARDUPILOT_QUATERNION: Final = ("Q1", "Q2", "Q3", "Q4")
+"""Scalar first where the clock is TimeUS."""
 _TOPIC: Final = re.compile(
     r"^.*?\.(?=(?:pose\.){0,2}(?:position|orientation)\.|angular_velocity\.|linear_acceleration\.)"
 )
@@ -142,6 +144,9 @@ def understood_names(names: Sequence[str]) -> list[str]:
     if "TimeUS" in names and set(_ARDUPILOT) <= set(names):
         for name, axis in zip(_ARDUPILOT, "xyz", strict=True):
             found[list(names).index(name)] = f"omega_{axis}"
+    if "TimeUS" in names and set(_ARDUPILOT_QUATERNION) <= set(names):
+        for name, axis in zip(_ARDUPILOT_QUATERNION, "wxyz", strict=True):
+            found[list(names).index(name)] = f"q{axis}"
     is_px4 = "timestamp_sample" in names or "delta_q_reset[0]" in names
     if is_px4 and set(_PX4_QUATERNION) <= set(names):
         for name, axis in zip(_PX4_QUATERNION, "wxyz", strict=True):

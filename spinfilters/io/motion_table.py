@@ -240,10 +240,11 @@ def _clock_by_numbers(source: NamedColumns, columns: MotionColumns) -> tuple[int
     """Index and unit of the only column of dates, or of one that rises and has the word for a clock in its name, or no name at all.
 
     None where no column is such, or several are. Of those that state their unit, and of them in seconds, the first is taken.
+    Without any it is the only column of instants in whole ms, us or ns.
     """
     taken = {k for vector in columns.vectors.values() for k in vector.indices}
     free = [k for k in range(min(len(source.names), MOST_COLUMNS)) if k not in taken]
-    named, dated = [], []
+    named, dated, instants = [], [], []
     for k in free:
         words, unit = words_of(source.names[k]), parts_of(source.names[k])[1]
         if unit and not is_unit_of_time(unit):
@@ -256,7 +257,7 @@ def _clock_by_numbers(source: NamedColumns, columns: MotionColumns) -> tuple[int
         if table.is_dated:
             dated.append((k, ""))
         elif not is_named and (since_1970 := _unit_since_1970(table.values[:, 0])):
-            dated.append((k, since_1970))
+            instants.append((k, since_1970))
         elif is_named or (is_index and (table.values[:, 0] != np.round(table.values[:, 0])).any()):
             spelled = {
                 TIME_UNITS[word] for word in words_of(source.names[k].replace("(", " ")) if word in TIME_UNITS
@@ -270,7 +271,7 @@ def _clock_by_numbers(source: NamedColumns, columns: MotionColumns) -> tuple[int
     ):
         if len(found) == 1 or (found and found[0][1]):
             return found[0]
-    return None
+    return instants[0] if len(instants) == 1 and not named and not dated else None
 
 
 _YEARS: Final = (1.0e9, 4.1e9)
@@ -733,6 +734,10 @@ def _or_names(source: NamedColumns, columns: MotionColumns, options: ReadingOpti
     ):
         return ""
     rows, are_numbered = _head(source), len({re.sub(r"\d+", "", name) for name in source.names}) == 1
-    clock = None if columns.time is None else columns.time[0]
+    clock, unit = (None, "") if columns.time is None else columns.time
     proposed = proposed_columns(rows, clock)
-    return f"; or {how_to_name(rows, clock)}" if is_certain(proposed) or (proposed and are_numbered) else ""
+    return (
+        f"; or {how_to_name(rows, clock, unit)}"
+        if is_certain(proposed) or (proposed and are_numbered)
+        else ""
+    )

@@ -322,8 +322,11 @@ _PERIOD: Final = "delta_angle_dt"
 def as_measured(source: NamedColumns) -> NamedColumns:
     """Columns as one sensor measured them: of several the first, and rates where the table has the angles of each period."""
     names = list(source.names)
-    if "TimeUS" in names and "I" in names:  # of ArduPilot, whose rows number the sensors
-        source = OneOfSeveral(source, names.index("I"))
+    number = next((name for name in ("I", "C") if name in names), None)
+    if (
+        "TimeUS" in names and number is not None
+    ):  # of ArduPilot, whose rows number the sensors, or the filters of its attitude
+        source = OneOfSeveral(source, names.index(number))
     if {*_INCREMENTS, _PERIOD} <= set(names):
         source = RatesOfIncrements(source, tuple(map(names.index, _INCREMENTS)), names.index(_PERIOD))
     return source

@@ -524,8 +524,15 @@ def _ends_empty(line: str, delimiter: str | None) -> bool:
 
 
 def _has_decimal_comma(delimiter: str | None, line: str) -> bool:
-    """Whether the numbers of a line have a comma as decimal mark."""
-    return delimiter != "," and "," in line and "." not in line
+    """Whether the numbers of a line have a comma as decimal mark; its dates may have points."""
+    if delimiter == "," or "," not in line or "." not in line:
+        return delimiter != "," and "," in line
+    cells = [cell.strip(' "\r\n') for cell in line.split(delimiter)]
+    return any(map(_COMMA.fullmatch, cells)) and not any(map(_POINT.fullmatch, cells))
+
+
+_COMMA, _POINT = (re.compile(rf"[+-]?\d*{mark}\d+(?:[eE][+-]?\d+)?") for mark in (",", r"\."))
+"""A number with this decimal mark."""
 
 
 def _is_numbers(line: str) -> bool:

@@ -40,7 +40,7 @@ _AT_REST: Final = ((5.0, 15.0), (0.5, 1.5))
 """Medians of an accelerometer, in m/s^2 and g."""
 
 
-def how_to_name(rows: Float[np.ndarray, "n m"], clock: int | None = None) -> str:
+def how_to_name(rows: Float[np.ndarray, "n m"], clock: int | None = None, unit: str = "") -> str:
     """What to state of rows without names, for a message; the general form where their numbers do not show what they are.
 
     Parameters
@@ -49,11 +49,15 @@ def how_to_name(rows: Float[np.ndarray, "n m"], clock: int | None = None) -> str
         First rows, NaN in cells that are no numbers.
     clock : int | None
         Column that is known to be the clock.
+    unit : str
+        Of the clock, which its new name keeps; empty where none is known.
     """
     proposed = proposed_columns(rows, clock)
     if not proposed:
         return f"give {to_state('columns', 't,x,y,z')}, with - for those to leave out"
-    words = f"give {to_state('columns', ' or '.join(map(','.join, proposed)))}"
+    own = f"t_{unit}" if unit in CLOCK_UNITS else "t"
+    listed = [",".join(own if name == "t" else name for name in names) for names in proposed]
+    words = f"give {to_state('columns', ' or '.join(listed))}"
     if "x" in proposed[0]:
         words += f", where x,y,z are the body rates, and {to_state('unit', 'deg/s or rad/s')}"
     elif len(proposed) > 1:

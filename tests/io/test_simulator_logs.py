@@ -449,6 +449,30 @@ AS_IT_IS |= {
         ",,0,{date},{value},{name}_{axis}",
         "#default,_result,,,,\n,result,table,_time,_value,_field",
     ),
+    "dates of Excel beside decimal commas": table(
+        "d.csv",
+        "Datum;Drehrate X [°/s];Drehrate Y [°/s];Drehrate Z [°/s]",
+        [f"15.03.2024 10:00:0{t:.3f}".replace("0.", "0,") for t in TIME],
+        *([str(cell).replace(".", ",") for cell in column] for column in DEGREES.T),
+        between=";",
+    ),
+    "two filters of ArduPilot": lambda folder: text(
+        folder / "x.csv",
+        "timestamp,TimeUS,C,Q1,Q2,Q3,Q4\n",
+        [
+            (f"{1_700_000_000 + t:.2f}", round(1e6 * t) + 7 * core, core, *WXYZ[k - core])
+            for k, t in enumerate(TIME)
+            for core in (0, 1)
+        ],
+    ),
+    "ticks of ESP-IDF": lambda folder: text(
+        folder / "e.log",
+        "I (312) boot: v5.1\n",
+        [
+            [f"I ({ms}) imu: gyro x={d[0]} y={d[1]} z={d[2]}"]
+            for ms, d in zip(MILLISECONDS, DEGREES, strict=True)
+        ],
+    ),
     "nanoseconds since 1970 by another name": table(
         "p.csv",
         "# frame_id, translation_x, translation_y, translation_z, quaternion_x, quaternion_y, quaternion_z, quaternion_w, scale",
@@ -561,6 +585,11 @@ WITH_A_HINT: dict[str, tuple[Callable[[Path], Path], dict[str, Any], str]] = {
         {"unit": "deg/s"},
         "--unit",
     ),
+    "the unit of a clock beside numbered columns": (
+        table("q.csv", "time_ms,Q1,Q2,Q3,Q4", MILLISECONDS, WXYZ),
+        {"columns": "t_ms,qw,qx,qy,qz"},
+        "--columns t_ms,qx,qy,qz,qw or t_ms,qw,qx,qy,qz",
+    ),
     "a grade of a gyro, which is no clock": (
         printed("b.txt", "qW: {q[3]} qX: {q[0]} qY: {q[1]} qZ: {q[2]}\t\tSys:3 Gyro:3 Accel:3"),
         {"rate": 50.0},
@@ -638,6 +667,16 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         "may both be the body rate about x",
     ),
     "a byte of Windows in a number": (lambda folder: french(folder, damaged=True), "not a number; correct"),
+    "two columns of instants": (
+        table(
+            "i.csv",
+            "id,x,y,z,qx,qy,qz,qw,capture",
+            range(1_400_000_000_000, 1_400_000_000_000 + COUNT),
+            POSES,
+            range(1_400_000_000_000_000, 1_400_000_000_000_000 + 20_000 * COUNT, 20_000),
+        ),
+        "no column is a clock",
+    ),
     "a component that is twice at one time": (
         lambda folder: long_form(folder, "gyro", "{t},{name},{value}", "time_s,sensor,value"),
         "line 3: 'gyro' is twice",
