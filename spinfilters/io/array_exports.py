@@ -1,4 +1,4 @@
-"""Recordings that programs save as arrays: NumPy .npy and .npz, MATLAB .mat, HDF5, NetCDF, Parquet, Feather, and JSON."""
+"""Recordings that programs save as arrays: NumPy .npy and .npz, MATLAB .mat, HDF5, NetCDF, Parquet, Feather, JSON and YAML."""
 
 import math
 import re
@@ -16,6 +16,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.document import read_yaml_rows
 from spinfilters.io.headings import heading_of
 from spinfilters.io.input_file import (
     MAX_TABLE_ROWS,
@@ -41,6 +42,7 @@ SMALL, LARGEST_RATIO = 64 << 20, 100
 """A packed file may unpack to so many bytes more than so many times its size: arrays of zeros shrink further, measurements less."""
 MATLAB_HDF5: Final = b"MATLAB 7.3 MAT-file"
 """First bytes of a .mat that is HDF5."""
+YAML: Final = (".yaml", ".yml")
 LARGEST_JSON: Final = 512 * 1024**2
 _SENSORS: Final = ("gyroscope", "gyroscopeuncalibrated", "gyro", "imu")
 """Values of the key "sensor" in JSON whose rows are body rates, in the order in which they are taken."""
@@ -49,7 +51,7 @@ _SENSORS: Final = ("gyroscope", "gyroscopeuncalibrated", "gyro", "imu")
 def read_array_export(path: Path, options: ReadingOptions) -> Dataset:
     """Data set of the arrays that describe a motion."""
     suffix, names = path.suffix.lower(), options.column_names
-    is_json = suffix in (".json", ".jsonl", ".ndjson")
+    is_json = suffix in (".json", ".jsonl", ".ndjson", *YAML)
     taken = ("unit", "clock", "rate", "columns", *(["topic"] if is_json else []))
     options.require_only(taken, "a file of arrays")
     require_file(path, LARGEST)
@@ -478,8 +480,9 @@ def _is_number(kind: str) -> bool:
 
 
 def _json(path: Path, options: ReadingOptions) -> ArrayColumns:
-    """Columns of a JSON document, of rows of several sensors those of the gyro."""
-    document = parsed_json(path, read_bytes(path, LARGEST_JSON))
+    """Columns of a document in JSON or YAML, of rows of several sensors those of the gyro."""
+    is_yaml = path.suffix.lower() in YAML
+    document = read_yaml_rows(path) if is_yaml else parsed_json(path, read_bytes(path, LARGEST_JSON))
     if isinstance(document, dict) and isinstance(document.get("payload"), dict):
         return _edge_impulse(path, document["payload"])
     document = _of_gyro(path, document)

@@ -1,5 +1,6 @@
 """Documents of keys and values: plain YAML, the finite numbers of a key of YAML or TOML, and elements of XML without entities."""
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,9 @@ from spinfilters.io.input_file import path_text, read_bytes, read_settings_text,
 
 _MOST_NESTED = 20  # of brackets and blocks in YAML, whose reader works from nested calls
 _MOST_NODES = 20_000  # of a YAML file: a calibration has a hundred
+_MOST_NODES_OF_ROWS = 500_000  # of a list of rows, each of about ten: a minute of reading
+LARGEST_ROWS = 16 << 20
+"""Bytes of a list of rows."""
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -27,12 +31,36 @@ def read_yaml(path: Path) -> dict[str, Any]:
         Unreadable file, text that is not YAML, tags such as !!python, aliases, too many or too deeply nested
         values, or no mapping at the top.
     """
+    document = _parsed(path, read_settings_text(path), _MOST_NODES)
+    if not isinstance(document, dict):
+        raise InputError(
+            f"{path_text(path)}: holds {value_text(document)}, expected 'key: value' lines; copy it again"
+        )
+    return document
+
+
+def read_yaml_rows(path: Path) -> Any:
+    """The document of a YAML file of at most 16 MiB as JSON has it: dates and all keys are texts. InputError: as `read_yaml`."""
+    try:
+        text = read_bytes(path, LARGEST_ROWS).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text") from None
+    document = _parsed(path, text, _MOST_NODES_OF_ROWS)
+    try:
+        return json.loads(json.dumps(document, default=str))
+    except (TypeError, ValueError, RecursionError) as error:  # a key that is a list
+        raise InputError(
+            f"{path_text(path)}: has other keys than texts ({reason(error)}); correct it"
+        ) from None
+
+
+def _parsed(path: Path, text: str, most_nodes: int) -> Any:
+    """Document of a text in YAML of at most so many values. InputError: see `read_yaml`."""
     import yaml  # here alone: few recordings have a camera's file
 
-    text = read_settings_text(path)
     try:
-        _refuse_growth(path, text)
-        document = yaml.safe_load(text)
+        _refuse_growth(path, text, most_nodes)
+        return yaml.safe_load(text)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         problem = reason(ValueError(error.problem))
@@ -41,14 +69,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ) from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"{path_text(path)}: is not YAML ({reason(error)}); correct it") from None
-    if not isinstance(document, dict):
-        raise InputError(
-            f"{path_text(path)}: holds {value_text(document)}, expected 'key: value' lines; copy it again"
-        )
-    return document
 
 
-def _refuse_growth(path: Path, text: str) -> None:
+def _refuse_growth(path: Path, text: str, most_nodes: int) -> None:
     """Refuse YAML that would become larger or deeper than it looks."""
     import yaml
 
@@ -63,9 +86,9 @@ def _refuse_growth(path: Path, text: str) -> None:
             raise InputError(f"{line}has a merge key (<<); write the keys themselves")
         nodes += isinstance(event, yaml.NodeEvent)
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _MOST_NESTED or nodes > _MOST_NODES:
+        if depth > _MOST_NESTED or nodes > most_nodes:
             raise InputError(
-                f"{line}nests values more than {_MOST_NESTED} deep or holds more than {_MOST_NODES}; copy the file again"
+                f"{line}nests values more than {_MOST_NESTED} deep or holds more than {most_nodes}; copy the file again"
             )
 
 

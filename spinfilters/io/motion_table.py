@@ -559,11 +559,11 @@ def _only_plausible_unit(table: Table) -> str:
     )
     if is_count or largest >= MOTION_TABLE_FASTEST / RATE_UNITS["deg/s"]:
         return ""
-    fast = (np.abs(rates) > MOTION_TABLE_FASTEST).any(axis=1)
+    fast = np.flatnonzero((np.abs(rates) > MOTION_TABLE_FASTEST).any(axis=1))
     lasting = np.count_nonzero(
-        fast[1:] & fast[:-1]
+        np.diff(fast) == 1
     )  # what turns fast does so for more than a sample; an outlier does not
-    return "deg/s" if lasting >= max(3, np.count_nonzero(fast) / 2) else ""
+    return "deg/s" if lasting >= max(3, len(fast) / 2) else ""
 
 
 def _length_unit(table: Table, vector: VectorColumns, options: ReadingOptions) -> str:

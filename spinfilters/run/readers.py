@@ -439,6 +439,11 @@ class ArrayExportReader(StatedReader):
         *(".json", ".jsonl", ".ndjson"),
     )
 
+    def recognises(self, path: Path) -> bool:
+        """Whether its suffix is one of these, or a YAML file begins with a list."""
+        is_list = is_file_named(path, (".yaml", ".yml")) and first_text(path, 2) in ("- ", "-\n")
+        return is_list or super().recognises(path)
+
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the arrays that describe a motion."""
         from spinfilters.io.array_exports import read_array_export

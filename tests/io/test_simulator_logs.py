@@ -456,6 +456,14 @@ AS_IT_IS |= {
         *([str(cell).replace(".", ",") for cell in column] for column in DEGREES.T),
         between=";",
     ),
+    "rows of YAML": lambda folder: text(
+        folder / "r.yaml",
+        "",
+        [
+            [f"- omega:\n  - {w[0]}\n  - {w[1]}\n  - {w[2]}\n  t: {t}"]
+            for t, w in zip(TIME, RATES.tolist(), strict=True)
+        ],
+    ),
     "two filters of ArduPilot": lambda folder: text(
         folder / "x.csv",
         "timestamp,TimeUS,C,Q1,Q2,Q3,Q4\n",
@@ -667,6 +675,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
         "may both be the body rate about x",
     ),
     "a byte of Windows in a number": (lambda folder: french(folder, damaged=True), "not a number; correct"),
+    "rows of YAML that name another value": (
+        lambda folder: text(folder / "a.yaml", "- &a {t: 0, omega: [1, 2, 3]}\n", [["- *a"]]),
+        "refers to another value",
+    ),
     "two columns of instants": (
         table(
             "i.csv",
