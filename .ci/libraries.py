@@ -1,7 +1,7 @@
 """Build the compiled libraries of a wheel: ``python .ci/libraries.py [KIND ...]``, before ``pip wheel .``.
 
 Runs the estimators on simulated recordings with a compiler that notes what it compiles. Then compiles each text for every
-instruction set of the architecture. Needs the package's dependencies and GCC or clang.
+instruction set of the architecture. Needs the package's dependencies, those of its extra ``campaign``, and GCC or clang.
 """
 
 import os
