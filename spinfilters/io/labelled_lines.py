@@ -178,7 +178,7 @@ class _Reading:
         """Labels with a mark behind them: a colon, an equals sign or a bracket."""
         self._brackets: list[str] = []
         self._stem, self._count = "", 0
-        self._group = ""
+        self._group, self._unit = "", ""
 
     def text(self, text: str) -> None:
         """Read what stands between two numbers: brackets with the label in front of each, and the label of the next number."""
@@ -224,7 +224,7 @@ class _Reading:
     def number(self, unit: str) -> None:
         """Note the next number, with the unit behind it."""
         self.labels.append(f"{self._stem}\0{self._count}")
-        self.units.append(unit or getattr(self, "_unit", ""))
+        self.units.append(unit or self._unit)
         self._count += 1
 
 

@@ -159,9 +159,8 @@ def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None
     layout = read_layout(path, options.column_names)
     source: NamedColumns | None = None if options.columns is not None else long_columns(path, layout)
     source = source or TextColumns(path, layout)
-    if bare == "rate" and "angularvelocity" in re.sub(
-        r"[^a-z]", "", path.stem.lower()
-    ):  # by convention in rad/s
+    letters = re.sub(r"[^a-z]", "", path.stem.lower())
+    if bare == "rate" and "angularvelocity" in letters:  # by convention in rad/s
         axes = {axis: f"angular_velocity_{axis}" for axis in "xyz"}
         source = RenamedColumns(source, tuple(axes.get(name.lower(), name) for name in source.names))
     return motion_of(source, options, bare if options.columns is None else bare or "rate")
@@ -282,15 +281,10 @@ def _unit_since_1970(stamps: Float[np.ndarray, " n"]) -> str:
     """Unit in which whole stamps that always rise are instants of this century; empty of others, and of whole seconds."""
     if (stamps != np.round(stamps)).any() or (np.diff(stamps) <= 0).any():
         return ""
-    units = (unit for unit in ("ms", "us", "ns"))
-    return next(
-        (
-            unit
-            for unit in units
-            if _YEARS[0] < SECONDS[unit] * stamps[0] < SECONDS[unit] * stamps[-1] < _YEARS[1]
-        ),
-        "",
-    )
+    for unit in ("ms", "us", "ns"):
+        if _YEARS[0] < SECONDS[unit] * stamps[0] < SECONDS[unit] * stamps[-1] < _YEARS[1]:
+            return unit
+    return ""
 
 
 def _keys(source: NamedColumns, column: int) -> Table | None:
@@ -560,9 +554,8 @@ def _only_plausible_unit(table: Table) -> str:
     if is_count or largest >= MOTION_TABLE_FASTEST / RATE_UNITS["deg/s"]:
         return ""
     fast = np.flatnonzero((np.abs(rates) > MOTION_TABLE_FASTEST).any(axis=1))
-    lasting = np.count_nonzero(
-        np.diff(fast) == 1
-    )  # what turns fast does so for more than a sample; an outlier does not
+    # what turns fast does so for more than a sample; an outlier does not
+    lasting = np.count_nonzero(np.diff(fast) == 1)
     return "deg/s" if lasting >= max(3, len(fast) / 2) else ""
 
 
