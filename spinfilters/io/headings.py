@@ -169,6 +169,12 @@ def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
     return clock or _component(words, unit, bare)
 
 
+def is_clock(text: str) -> bool:
+    """Whether a column is called as a clock."""
+    heading = heading_of(text)
+    return heading is not None and heading.quantity == "time"
+
+
 def parts_of(text: str) -> tuple[str, str]:
     """Name and bracketed unit in lower case; an index stays with the name."""
     plain = text.strip().strip('"').strip()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final, TypeGuard
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.headings import heading_of
+from spinfilters.io.headings import heading_of, is_clock
 from spinfilters.io.input_file import path_text, reason, value_text
 from spinfilters.io.logger_names import GOPRO_ORDER, understood_names
 from spinfilters.io.stated_values import SAMPLING_RATE, ReadingOptions, to_state
@@ -354,7 +354,7 @@ def _samples(rows: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
     """Rows, those that hold several samples each as so many: the first of them has the time of the row."""
     plain = [_unnested(row) for row in rows]
     packed = [name for name, value in plain[0].items() if _is_packet(name, value)]
-    clock = next((name for name in plain[0] if (h := heading_of(name)) and h.quantity == "time"), None)
+    clock = next((name for name in plain[0] if is_clock(name)), None)
     if not packed or clock is None:
         return rows
     counts = [len(row.get(packed[0]) or ()) for row in plain]

@@ -21,7 +21,7 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.headings import heading_of
+from spinfilters.io.headings import is_clock
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     first_text,
@@ -120,7 +120,7 @@ def _times_above(lines: Sequence[_Line], chosen: Sequence[_Line]) -> dict[str, n
             return {}
         last = above
         clock = clocks[int(places[above])]
-        found.append({n: x for n, x in zip(clock.labels, clock.numbers, strict=True) if _is_clock(n)})
+        found.append({n: x for n, x in zip(clock.labels, clock.numbers, strict=True) if is_clock(n)})
     names = found[0].keys()
     return (
         {n: np.array([each[n] for each in found]) for n in names}
@@ -141,13 +141,8 @@ def _require_whole(path: Path, lines: Sequence[_Line], chosen: Sequence[_Line]) 
         )
 
 
-def _is_clock(label: str) -> bool:
-    heading = heading_of(label)
-    return heading is not None and heading.quantity == "time"
-
-
 def _has_clock(labels: Sequence[str]) -> bool:
-    return any(map(_is_clock, labels))
+    return any(map(is_clock, labels))
 
 
 def _is_motion(path: Path, labels: tuple[str, ...]) -> bool:

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.headings import heading_of
+from spinfilters.io.headings import heading_of, is_clock
 from spinfilters.io.input_file import parse_number, path_text, value_text
 from spinfilters.io.named_columns import ArrayColumns
 from spinfilters.io.table_layout import TableLayout, data_lines
@@ -36,7 +36,7 @@ def long_columns(path: Path, layout: TableLayout) -> ArrayColumns | None:
     names = [name.lower() for name in layout.names]
     values = [k for k, name in enumerate(names) if name in _VALUE]
     words = [k for k, name in enumerate(names) if _NAMES.fullmatch(name)]
-    clocks = [k for k, name in enumerate(names) if _is_clock(name)]
+    clocks = [k for k, name in enumerate(names) if name in _CLOCK or is_clock(name)]
     if len(values) != 1 or len(clocks) != 1 or not words:
         return None
     units = [k for k, name in enumerate(names) if name in _UNIT]
@@ -63,11 +63,6 @@ def long_columns(path: Path, layout: TableLayout) -> ArrayColumns | None:
     clock = "time" if names[clocks[0]] in _CLOCK else layout.names[clocks[0]]
     columns = [np.array(times[moving], dtype=object), *(np.frombuffer(numbers[name]) for name in alike)]
     return ArrayColumns(path, (clock, *alike), tuple(columns))
-
-
-def _is_clock(name: str) -> bool:
-    heading = heading_of(name)
-    return name in _CLOCK or (heading is not None and heading.quantity == "time")
 
 
 def _is_of_motion(name: str) -> bool:

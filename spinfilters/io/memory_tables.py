@@ -8,7 +8,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import refuse
-from spinfilters.io.headings import Quantity, heading_of
+from spinfilters.io.headings import Quantity, is_clock
 from spinfilters.io.input_file import MAX_TABLE_ROWS, path_text, reason, value_text
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.motion_table import MotionTable, motion_of
@@ -241,8 +241,7 @@ def array_columns(columns: Mapping[Any, Any], path: Path = Path(TABLE)) -> Array
 
 def _clock_name(name: str) -> str:
     """Name of a column of dates, by which it is recognised as a clock."""
-    heading = heading_of(name)
-    return name if heading is not None and heading.quantity == "time" else f"{name} (s)"
+    return name if is_clock(name) else f"{name} (s)"
 
 
 def _without_mask(values: Any) -> np.ndarray:
@@ -260,7 +259,6 @@ def _index_of(table: Any) -> dict[str, np.ndarray]:
     if index is None or callable(index):
         return {}
     values, name = _without_mask(index), getattr(index, "name", None)
-    heading = None if name is None else heading_of(str(name))
-    if values.dtype.kind in "mM" or (heading is not None and heading.quantity == "time"):
+    if values.dtype.kind in "mM" or (name is not None and is_clock(str(name))):
         return {str(name or "time"): values}
     return {}

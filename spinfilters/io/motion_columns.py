@@ -8,7 +8,16 @@ from typing import Final, NamedTuple
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.axis_groups import with_vectors
-from spinfilters.io.headings import AXES, FOREIGN, TIME_UNITS, Heading, Quantity, heading_of, words_of
+from spinfilters.io.headings import (
+    AXES,
+    FOREIGN,
+    TIME_UNITS,
+    Heading,
+    Quantity,
+    heading_of,
+    is_clock,
+    words_of,
+)
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.logger_names import understood_names
 from spinfilters.io.stated_values import CLOCK_UNITS, LENGTH_UNITS, RATE_UNITS, ReadingOptions, to_state
@@ -194,10 +203,8 @@ def _of_one_body(path: Path, names: Sequence[str], topic: str | None) -> list[st
     quaternion = {k: f"q{axis}" for axis, k in bodies[body].items()}
     found = []
     for k, name in enumerate(names):
-        heading = heading_of(name)
-        is_clock = heading is not None and heading.quantity == "time"
         own = name.strip()[len(body) :] if name.strip().startswith(body) else ""
-        found.append(quaternion.get(k) or own or (name if is_clock else ""))
+        found.append(quaternion.get(k) or own or (name if is_clock(name) else ""))
     return found
 
 
