@@ -1,6 +1,7 @@
 """The sliding smoother as an estimator: the one loop drives it, measurements come as they come, a snapshot brings it back."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.filters.late_measurements import Outcome, OutOfSequenceUpdates
 from spinfilters.filters.timeline import advance, run
 from spinfilters.models.state_layout import Gaussian
-from spinfilters.models.status import Verdict
+from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.smoother.problem import InitialGuess
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from spinfilters.smoother.sliding_smoother import SmootherOptions
@@ -52,15 +53,34 @@ def test_the_one_loop_over_time_drives_it(mode: WindowPolicy) -> None:
     assert np.mean(np.square(whitened[1:])) < 2.5
 
 
+HALTS = (BEGUN, 15, 26)
+
+
+@cache
+def _undisturbed(mode: WindowPolicy) -> RecursiveSmoother:
+    """To the end, without a snapshot."""
+    return _driven(_begun(mode), BEGUN, 30)
+
+
+@cache
+def _halted(mode: WindowPolicy) -> dict[int, tuple[dict[str, np.ndarray], np.ndarray, EstimatorStatus]]:
+    """Snapshot, covariance factor and status at every halt of one run."""
+    smoother, found = _begun(mode), {}
+    for before, halt in pairwise((BEGUN, *HALTS)):
+        _driven(smoother, before, halt)
+        kept = {name: array.copy() for name, array in smoother.snapshot().items()}
+        found[halt] = kept, smoother.belief.factor.copy(), smoother.status
+    return found
+
+
 @pytest.mark.parametrize("mode", MODES, ids=str)
-@pytest.mark.parametrize("halt", [BEGUN, 15, 26])
+@pytest.mark.parametrize("halt", HALTS)
 def test_a_snapshot_leads_on_to_the_same_bits(mode: WindowPolicy, halt: int) -> None:
-    halted, whole = _driven(_begun(mode), BEGUN, halt), _driven(_begun(mode), BEGUN, 30)
-    kept = {name: array.copy() for name, array in halted.snapshot().items()}
-    again = _begun(mode)
+    whole, again = _undisturbed(mode), _begun(mode)
+    kept, factor, status = _halted(mode)[halt]
     again.restore(kept)
-    np.testing.assert_array_equal(again.belief.factor, halted.belief.factor)
-    assert again.status == halted.status
+    np.testing.assert_array_equal(again.belief.factor, factor)
+    assert again.status == status
     _driven(again, halt, 30)
     np.testing.assert_array_equal(again.belief.mean, whole.belief.mean)
     np.testing.assert_array_equal(again.belief.factor, whole.belief.factor)
