@@ -60,7 +60,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = folder / "reconstruction"
     place.mkdir()
     # model = R'(shape - t): TURN is what the alignment should find
-    model = finely(l_shape(), 4).moved(TURN.T, -TURN.T @ CENTRE)
+    model = finely(l_shape(), 3).moved(TURN.T, -TURN.T @ CENTRE)
     noisy = model.vertices + 5e-4 * np.random.default_rng(2).normal(size=model.vertices.shape)
     write_mesh(place / "model.ply", TriangleMesh(noisy, model.triangles))
     return folder

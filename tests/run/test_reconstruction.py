@@ -88,7 +88,7 @@ def test_a_run_whose_position_does_not_hold_is_told_to_be_the_cause(
         compare_into(
             track_images(images).dataset, Settings(estimators=("smoother",)), RunOutput(tmp_path / "run")
         )
-    assert main(["reconstruct", str(tmp_path / "run"), "--voxels", "96", "--images", str(images)]) == 2
+    assert main(["reconstruct", str(tmp_path / "run"), "--voxels", "128", "--images", str(images)]) == 2
     complaint = capsys.readouterr().err
     assert (
         "give fewer --voxels, or record a longer motion: position and center of mass of that run do not hold"

@@ -166,7 +166,7 @@ def test_samples_that_cannot_be_relied_upon_are_told_where_a_gaussian_does_not_d
     data = simulate("pose", rate_rpm=WEAK_RPM, frames=60, seed=3)
     made = smoother_run.sampled_mass
     for few in ("SAMPLES", "TRIED", "MOST_NODES"):  # which they are, nobody asks
-        monkeypatch.setattr(mass_posterior, few, 12)
+        monkeypatch.setattr(mass_posterior, few, 40)
 
     def unreliable(*arguments: Any) -> SampledMass | None:
         """Samples with weights of an infinite variance."""

@@ -66,7 +66,7 @@ def test_walkers_find_the_posterior_that_importance_finds() -> None:
 
 
 def test_quantiles_of_few_samples_do_not_depend_on_which(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mass_posterior, "SAMPLES", 12)  # of the smoother, whose Gaussian is all that is used
+    monkeypatch.setattr(mass_posterior, "SAMPLES", 40)  # of the smoother, whose Gaussian is all that is used
     setup = prepare(simulate("gyro", rate_rpm=(4.0, 9.0, 3.0), frames=30, seed=2), Settings())
     problem, smoothed = smoothed_problem(setup, Settings())
     history, found = smooth_at_once(setup, Settings(), lambda done, every: None), []
