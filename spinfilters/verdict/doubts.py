@@ -136,10 +136,10 @@ class Doubts:
 
     def _levels_of(self, evaluation: Evaluation) -> list[Finding]:
         """Doubts about the levels of one filter, which it has identified from the first epochs, where the smoother has others."""
-        best, used = finished_history(self._histories), evaluation.history.noise
-        if best is None or used == best.noise or self.setup.initial.has_landmarks:
+        if self.of_levels or self.settings.verdict == FILTER or self.setup.initial.has_landmarks:
             return self.of_levels
-        if self.of_levels or self.settings.verdict == FILTER:
+        best, used = finished_history(self._histories), evaluation.history.noise
+        if best is None or used == best.noise:
             return self.of_levels
         if used not in self._levels:  # filters of one run share theirs
             found = stated_level_diagnostics(self.setup, self.settings, [replace(best, noise=used)])
