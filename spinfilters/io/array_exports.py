@@ -134,7 +134,16 @@ def _mat(path: Path, stated: Sequence[str]) -> ArrayColumns:
         variables = _modelica(held)
     if variables is not None:
         return array_columns(variables, path)
-    return _columns_of(path, _by_last_name(_flat(held)), stated)
+    return _columns_of(path, _by_last_name(_with_one_clock(_flat(held))), stated)
+
+
+def _with_one_clock(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    """Arrays, of timeseries that all have the same times one clock for all of them."""
+    own = {name: array for name, array in arrays.items() if name.rpartition(".")[2] in ("Time", "time")}
+    times = [np.ravel(array) for array in own.values()]
+    if len(own) < 2 or not all(np.array_equal(each, times[0]) for each in times[1:]):
+        return arrays
+    return {"Time": times[0], **{name: array for name, array in arrays.items() if name not in own}}
 
 
 def _by_last_name(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
