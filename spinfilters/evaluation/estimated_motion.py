@@ -41,7 +41,7 @@ CLEAR: Final = 3.0
 
 
 @dataclass(frozen=True)
-class Motion:
+class EstimatedMotion:
     """Motion of the centre of mass and attitude of g as in `spinfilters.io.truth`.
 
     Attributes
@@ -76,7 +76,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Trajectory(Motion):
+class Trajectory(EstimatedMotion):
     """Motion with its uncertainty.
 
     Attributes
@@ -156,7 +156,7 @@ def trajectory_of(history: EstimateHistory) -> Trajectory:
     return Trajectory(time=history.time, sees_position=layout.translates, **motion)
 
 
-def motion_of(history: EstimateHistory) -> Motion:
+def motion_of(history: EstimateHistory) -> EstimatedMotion:
     """Motion of a history without its covariances, as of `trajectory_of` to rounding."""
     layout = history.layout
     (value,) = _motion_alone(layout)(history.mean)
@@ -164,7 +164,7 @@ def motion_of(history: EstimateHistory) -> Motion:
     if not layout.translates:
         motion |= dict.fromkeys(_PLACES, np.broadcast_to(0.0, (len(history.time), 3)))
     q_ig = normalised(history.mean[:, layout.mean_slice("a")])
-    return Motion(time=history.time, q_ig=q_ig, sees_position=layout.translates, **motion)
+    return EstimatedMotion(time=history.time, q_ig=q_ig, sees_position=layout.translates, **motion)
 
 
 _PLACES: Final = {"position": slice(0, 3), "velocity": slice(3, 6)}

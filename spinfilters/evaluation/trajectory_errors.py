@@ -12,7 +12,7 @@ from spinfilters.core.attitude_conversions import inverse, multiply, rotate, rot
 from spinfilters.core.conventions import PerRun
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import STRETCH, by_stretches
-from spinfilters.evaluation.estimated_motion import Motion
+from spinfilters.evaluation.estimated_motion import EstimatedMotion
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.measurement_log import normalised
 from spinfilters.io.truth import Truth, truth_in_moved_frame
@@ -150,7 +150,7 @@ def rows_within(time: Float[np.ndarray, " n"], begin: float, end: float) -> slic
 
 
 def truth_errors(
-    trajectory: Motion,
+    trajectory: EstimatedMotion,
     truth: Truth,
     alignment: Alignment = Alignment.NONE,
     turn: Float[np.ndarray, "4"] | None = None,
@@ -197,7 +197,9 @@ def truth_errors(
     )
 
 
-def _finite_stamps(trajectory: Motion, truth: Truth) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+def _finite_stamps(
+    trajectory: EstimatedMotion, truth: Truth
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     rows, true_rows = common_stamps(trajectory.time, truth.time)
     finite = trajectory.is_finite[rows]
     if not finite.any():
