@@ -146,12 +146,18 @@ def small_studies(monkeypatch: pytest.MonkeyPatch) -> None:
     def short(name: str) -> Study:
         """A ready study with few epochs of the first and the last level of what it varies, all estimators."""
         document = dict(whole(name).document)
-        motions = {title: {**motion, "epochs": FEW_EPOCHS} for title, motion in document["motion"].items()}
-        factors = {
-            title: levels if title == "estimator" else [levels[0], levels[-1]]
-            for title, levels in document["factors"].items()
+        document["motion"] = {
+            title: {**motion, "epochs": FEW_EPOCHS} for title, motion in document["motion"].items()
         }
-        return study_from({**document, "motion": motions, "factors": factors}, name)
+        document["factors"] = dict(document["factors"])
+        for factor, levels in document["factors"].items():
+            if factor != "estimator":
+                ends = document["factors"][factor] = [levels[0], levels[-1]]
+                if factor in document:
+                    document[factor] = {
+                        title: table for title, table in document[factor].items() if title in ("base", *ends)
+                    }
+        return study_from(document, name)
 
     monkeypatch.setattr(filter_comparison, "ready_study", short)
     monkeypatch.setattr(DaskCluster, "rows", lambda _, study, chunks: InProcess().rows(study, chunks))
