@@ -1,9 +1,10 @@
 """Draws of simulation-based calibration: truth and measurements from a stated prior, and what an estimator states of the truth.
 
-The rank of the truth in a posterior that is right is uniform (Talts et al. 2018). Each draw takes body, motion and noise from the
-prior below and simulates the recording. It keeps the error, the stated deviation, the rank of the truth and scores of every
-component of moments, axes, rate and centre of mass. Ranks and scores are those of the stated mixture where a deviation covers
-several explanations of the measurements (`EstimateHistory.mixture`), and of a Gaussian elsewhere.
+The rank of the truth in a posterior that is right is uniform (Talts et al. 2018), if the truth is drawn from the prior that the
+estimator uses. Each draw takes body, motion and noise from the prior below, states that of the body, and simulates the recording.
+It keeps the error, the stated deviation, the rank of the truth and scores of every component of moments, axes, rate and centre of
+mass. Ranks and scores are those of the stated mixture where a deviation covers several explanations of the measurements
+(`EstimateHistory.mixture`), and of a Gaussian elsewhere.
 
 The folder of a calibration holds the study that its draws belong to, and the draws as lines of JSON. A line holds one draw with all
 estimators, and is written as soon as the draw is made. Lines that hold none (a kill has cut them short, a bit has flipped) are
@@ -20,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, ndtr
 
+from spinfilters.core.attitude_conversions import euler321_from_quaternion, quaternion_from_matrix
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.evaluation.consistency import knows_state, true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
@@ -35,12 +37,12 @@ from spinfilters.models.process import ProcessNoise
 from spinfilters.models.status import AXES, CENTRE, MOMENTS, RATE, Verdict
 from spinfilters.run.estimation import ComparisonExtent, compare_estimators
 from spinfilters.run.preparation import prepare
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import InitialisationOptions, Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_noise
 from spinfilters.verdict.check import LARGEST_MOMENT_STD
 
 LOG_MOMENT_STD: Final = 0.3
-"""Of the logarithms of the second moments, whose mean is removed: moments of inertia from 0.5 : 0.8 : 1 to 1 : 1 : 1 are likely."""
+"""Of the logarithms of the second moments of `drawn_scenario`, whose mean is removed: 0.5 : 0.8 : 1 to 1 : 1 : 1 are likely."""
 RATE_RPM: Final = (3.0, 12.0)
 """Least and largest rate of rotation, log-uniform; its direction is uniform."""
 LEVELS: Final = {
@@ -55,6 +57,8 @@ PSD: Final = (1e-7, 1e-5)
 """Least and largest density of the disturbing torque, (rad/s^2)^2/Hz, and of the force, (m/s^2)^2/Hz; log-uniform."""
 CENTRE_STD: Final = 0.02
 """Of each coordinate of the centre of mass in g, m."""
+MASS_STD: Final = 0.3
+"""Of the five numbers of the mass distribution about the sphere. It is stated to the estimators (``initialisation.mass_std``)."""
 EPOCHS: Final = 100
 
 
@@ -147,6 +151,27 @@ def drawn_scenario(sensor: str, seed: int) -> Scenario:
     )
 
 
+def scenario_of_prior(sensor: str, seed: int) -> Scenario:
+    """As `drawn_scenario`, with a body from the prior of `spinfilters.core.mass_distribution`, of deviation `MASS_STD`.
+
+    Where the motion does not determine the moments, a posterior is its prior. Ranks are uniform if truths come from the same.
+
+    Raises
+    ------
+    InputError
+        A sensor without a prior.
+    """
+    d = MASS_STD * np.random.default_rng([20261127, seed]).standard_normal(5)
+    # D = log S is symmetric and traceless, and d = (D_11, D_22, D_21, D_31, D_32)
+    D = np.array([[d[0], d[2], d[3]], [d[2], d[1], d[4]], [d[3], d[4], -d[0] - d[1]]])
+    values, axes = np.linalg.eigh(D)
+    axes[:, 2] *= np.linalg.det(axes)  # a rotation
+    second = np.exp(values)
+    x, y, z = (second.sum() - second).tolist()
+    yaw, pitch, roll = euler321_from_quaternion(quaternion_from_matrix(axes)).tolist()
+    return replace(drawn_scenario(sensor, seed), principal_moments=(x, y, z), axes_euler_g=(yaw, pitch, roll))
+
+
 def made_draws(sensor: str, seed: int, estimators: Sequence[str], stated: bool) -> list[CalibrationDraw]:
     """One draw, by every estimator; empty where the recording cannot be initialised.
 
@@ -160,8 +185,8 @@ def made_draws(sensor: str, seed: int, estimators: Sequence[str], stated: bool) 
     KeyboardInterrupt
         Ctrl-C was pressed: a draw that lacks epochs or estimators is none.
     """
-    data = simulate(drawn_scenario(sensor, seed))
-    settings = Settings(estimators=tuple(estimators))
+    data = simulate(scenario_of_prior(sensor, seed))
+    settings = Settings(estimators=tuple(estimators), initialisation=InitialisationOptions(mass_std=MASS_STD))
     try:
         setup = prepare(data if stated else without_noise(data), settings)
         comparison = compare_estimators(

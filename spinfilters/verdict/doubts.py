@@ -10,6 +10,7 @@ from jaxtyping import Float
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, not_failed
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.filters.history import EstimateHistory, finished_history
+from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.inference.estimator_entry import AnyEntry
 from spinfilters.inference.first_epochs import DETERMINED_STD
 from spinfilters.inference.identified_noise import LARGEST_ERROR
@@ -106,6 +107,7 @@ class Doubts:
     untested: Collection[str] = ()
     _agreements: dict[str, list[Finding]] = field(default_factory=dict)
     _noise: dict[str, list[Finding]] = field(default_factory=dict)
+    _levels: dict[tuple[VarianceComponent, ...], list[Finding]] = field(default_factory=dict)
 
     def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[Finding]:
         """Doubts about one estimator."""
@@ -116,17 +118,33 @@ class Doubts:
             return [*self.shared, *self.of_levels, *agreement, *self._of_landmarks]
         silent = entry.is_baseline or evaluation.name in self.untested
         noise = [] if silent or agreement else self._noise_of(evaluation)
-        levels = [] if entry.is_baseline else self.of_levels
+        levels = [] if entry.is_baseline else self._levels_of(evaluation)
         return [*self.shared, *levels, *agreement, *noise]
 
     @cached_property
     def of_levels(self) -> list[Finding]:
-        """Doubts about stated levels of noise; none where the smoothing problem is not asked."""
+        """Doubts about levels of noise, stated or of the best estimate; none where the smoothing problem is not asked."""
         if self.settings.verdict == FILTER:
             return []
+        return stated_level_diagnostics(self.setup, self.settings, self._histories)
+
+    @cached_property
+    def _histories(self) -> list[EstimateHistory]:
+        """Of our own estimators, the smoother's first: it has the best states."""
         own = [each.history for each in self.evaluations if each.name not in self.baselines]
-        first = [] if self.smoother is None else [self.smoother]
-        return stated_level_diagnostics(self.setup, self.settings, [*first, *own])
+        return own if self.smoother is None else [self.smoother, *own]
+
+    def _levels_of(self, evaluation: Evaluation) -> list[Finding]:
+        """Doubts about the levels of one filter, which it has identified from the first epochs, where the smoother has others."""
+        if self.of_levels or self.settings.verdict == FILTER or self.setup.initial.has_landmarks:
+            return self.of_levels
+        best, used = finished_history(self._histories), evaluation.history.noise
+        if best is None or used == best.noise:
+            return self.of_levels
+        if used not in self._levels:  # filters of one run share theirs
+            found = stated_level_diagnostics(self.setup, self.settings, [replace(best, noise=used)])
+            self._levels[used] = found
+        return self._levels[used]
 
     @cached_property
     def _of_landmarks(self) -> list[Finding]:
@@ -148,7 +166,7 @@ class Doubts:
 
     def _noise_of(self, evaluation: Evaluation) -> list[Finding]:
         """Noise doubts from a filter's own epochs, where nothing has been said yet."""
-        if self.of_levels:
+        if self._levels_of(evaluation):
             return []
         if evaluation.name not in self._noise:
             found = filter_noise_diagnostics(evaluation.history, self.setup, self.settings)
