@@ -17,7 +17,7 @@ from pathlib import Path
 
 from experiments.benchmarks.stopwatch import begin_benchmark
 from experiments.command_line import run_study
-from spinfilters.campaigns.batch import Batches
+from spinfilters.campaigns.batch import ROWS_TOGETHER, Batches
 from spinfilters.campaigns.dask_cluster import DaskCluster
 from spinfilters.campaigns.engine import run_campaign
 from spinfilters.campaigns.row_columns import TIMES
@@ -73,7 +73,8 @@ def campaign_cost(path: Path, seeds: int, workers: int, batch: bool) -> Campaign
     begin, before = time.perf_counter(), _processor_time()
     with tempfile.TemporaryDirectory(prefix="spinfilters-campaign-") as place:
         folder = Path(place) / "rows"
-        run_campaign(study, folder, Batches(workers) if batch else DaskCluster(processes=workers))
+        executor = Batches(workers) if batch else DaskCluster(processes=workers)
+        run_campaign(study, folder, executor, together=ROWS_TOGETHER if batch else 1)
         wall, spent = time.perf_counter() - begin, _processor_time() - before
         rows = read_rows(folder, study.columns)
     own = sum(value or 0.0 for name in TIMES for value in rows[f"time_{name}_s"].to_pylist())

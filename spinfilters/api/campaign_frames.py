@@ -95,13 +95,14 @@ def campaign_rows(
         raise InputError("batches are made on this machine; give a scheduler or batch, not both")
     for package in ("pyarrow", "distributed"):
         require_installed(package)
-    from spinfilters.campaigns.batch import Batches
+    from spinfilters.campaigns.batch import ROWS_TOGETHER, Batches
     from spinfilters.campaigns.dask_cluster import DaskCluster, usable_processors
     from spinfilters.campaigns.engine import run_campaign
 
     workers = how.workers or usable_processors()
     executor = Batches(workers) if how.batch else DaskCluster(how.scheduler, workers)
-    return run_campaign(_study(study), folder, executor, how.resume, progress or (lambda _: None))
+    together = ROWS_TOGETHER if how.batch else 1
+    return run_campaign(_study(study), folder, executor, how.resume, progress or (lambda _: None), together)
 
 
 def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[str, Any]:

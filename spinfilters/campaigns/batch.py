@@ -14,16 +14,16 @@ from multiprocessing import get_context
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.campaigns.engine import Chunk
 from spinfilters.campaigns.recording_factors import FaultFactor
-from spinfilters.campaigns.row_columns import noise_columns, result_columns
+from spinfilters.campaigns.row_columns import columns_of_runs, noise_columns
 from spinfilters.campaigns.runner import Row, Runner, asked, run_seeds, when_and_where
 from spinfilters.campaigns.study import Cell, Study, study_from
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import normalised_errors, true_states
-from spinfilters.evaluation.estimated_motion import trajectory_of
+from spinfilters.evaluation.estimated_motion import motion_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import metrics
 from spinfilters.evaluation.trajectory_errors import body_errors, truth_errors
@@ -42,6 +42,10 @@ from spinfilters.simulation.simulated_runs import SimulatedRuns, require_simulat
 
 RUNS_TOGETHER: Final = 64
 """Runs of a batch: their histories of a hundred epochs take some 20 MB."""
+ROWS_TOGETHER: Final = 1024
+"""Rows that are written at once: a second's."""
+LARGEST: Final = 1e100
+"""Size of states and deviations beyond which a run is evaluated by itself."""
 NO_VERDICT: Final = EstimatorStatus().degraded("runs of a batch have no verdict (leave --batch out for one)")
 WITHOUT: Final = "; leave --batch out"
 """What a user does about a study that batches cannot make."""
@@ -138,11 +142,14 @@ class _Batch:
         if taken is None:
             return [self._runner.row(run) for run in self._runs]
         spent["estimate"] = time.process_time() - begin - sum(spent.values())
-        whole = np.flatnonzero(taken.done == len(setup.timeline))
-        evaluations = _evaluations(
-            self._cell.estimator, setup, simulated, mean, taken, whole, spent["estimate"]
-        )
-        results = dict(zip(whole.tolist(), self._results(evaluations, setup), strict=True))
+        ended = taken.done == len(setup.timeline)
+        whole = np.flatnonzero(ended & _are_numbers(taken.rows["mean"][:, -1], taken.rows["factor"][:, -1]))
+        results: dict[int, Row] = {}
+        if whole.size:
+            evaluation = _evaluation(
+                self._cell.estimator, setup, simulated, mean, taken, whole, spent["estimate"]
+            )
+            results = dict(zip(whole.tolist(), self._results(evaluation, len(whole), setup), strict=True))
         spent["evaluate"] = time.process_time() - begin - sum(spent.values())
         share = {f"time_{name}_s": seconds / len(self._runs) for name, seconds in spent.items()}
         share["time_total_s"] = sum(share.values())
@@ -171,14 +178,14 @@ class _Batch:
         drawn = [np.random.default_rng(each.belief).standard_normal(layout.error_dim) for each in self._seeds]
         return layout.retract(true, np.stack([setup.initial.factor[0] @ each for each in drawn]))
 
-    def _results(self, evaluations: Sequence[Evaluation], setup: Setup) -> list[Row]:
+    def _results(self, evaluation: Evaluation, count: int, setup: Setup) -> list[Row]:
         """Columns of runs that ended."""
-        shared, limits, chosen = self._runner.shared_begin(self._run), {}, metrics()
+        shared, limits = self._runner.shared_begin(self._run), {}
         if self._runner.study.options.bound == "motion":
             limits = self._runner.motion_bound(self._run)
         levels = noise_columns(setup.identified, self._cell.recording.levels)
         known = {"outcome": "done", "reason": "", "model_errors": ""} | levels | limits
-        return [known | result_columns(each, shared, chosen) for each in evaluations]
+        return [known | found for found in columns_of_runs(evaluation, count, shared, metrics())]
 
 
 def _tile_factor(setup: Setup, mean: Float[np.ndarray, "r m"]) -> Float[np.ndarray, "r n n"]:
@@ -197,7 +204,7 @@ def _epochs(setup: Setup, simulated: SimulatedRuns) -> EpochRun:
     return EpochRun(np.diff(times, prepend=times[0]), tuple(sensors))
 
 
-def _evaluations(
+def _evaluation(
     name: str,
     setup: Setup,
     simulated: SimulatedRuns,
@@ -205,50 +212,54 @@ def _evaluations(
     taken: RunsTaken,
     whole: np.ndarray,
     seconds: float,
-) -> list[Evaluation]:
-    """Evaluations of the runs that were taken in whole, from one history of all of them, one after the other."""
-    if not whole.size:
-        return []
+) -> Evaluation:
+    """Evaluation of the runs that were taken in whole, all together.
+
+    Errors and NEES are computed of one history with the epochs of all runs, one run behind the other.
+    """
     layout, times, count = setup.process.layout, times_of(setup.timeline), len(setup.timeline)
-    observations = setup.observations
     before = {"mean": first[whole, np.newaxis], "factor": _tile_factor(setup, first[whole])[:, np.newaxis]}
     every_run = len(whole) == len(first)  # as a rule: no array is copied
     arrays = {
         name: _rows_after_first(before.get(name), values if every_run else values[whole])
         for name, values in taken.rows.items()
     }
-    each = np.r_[0.0, np.full(count - 1, seconds / (len(first) * (count - 1)))]
-    arrays |= {"runtime": np.tile(each, (len(whole), 1))}
-    arrays |= {"time": times + simulated.period * whole[:, np.newaxis]}
-    every = _history(name, setup, {key: array.reshape(-1, *array.shape[2:]) for key, array in arrays.items()})
-    truth = simulated.truth
-    errors, nees = (
-        truth_errors(trajectory_of(every), truth),
-        normalised_errors(every, truth, normalised_squares),
-    )
+    long = {key: array.reshape(-1, *array.shape[2:]) for key, array in arrays.items()}
+    long["time"] = (times + simulated.period * whole[:, np.newaxis]).ravel()
+    long["runtime"] = np.zeros(len(long["time"]))
+    truth, every = simulated.truth, _history(name, setup, long)
+    errors, nees = truth_errors(motion_of(every), truth), normalised_errors(every, truth, normalised_squares)
     last = slice(simulated.epochs - 1, None, simulated.epochs)
     true = true_states(truth.chosen(last), layout)[whole]
-    last_errors = layout.local(arrays["mean"][:, -1], true)
-    bodies = bodies_of(layout, times[-1:].repeat(len(whole)), arrays["mean"][:, -1], arrays["factor"][:, -1])
-    found = []
-    for k in range(len(whole)):
-        rows = slice(k * count, (k + 1) * count)
-        own = {name: array[k] for name, array in arrays.items()} | {"time": times}
-        body = bodies.at(k)
-        moved = {name: getattr(errors, name) for name in ("position", "attitude", "velocity", "rate")}
-        moved = {name: None if error is None else error[rows] for name, error in moved.items()}
-        evaluation = Evaluation(
-            _history(name, setup, own, observations),
-            errors=replace(errors, time=times, rows=np.arange(count), **moved),
-            body_errors=body_errors(body, truth),
-            nees=replace(
-                nees, time=times, total=nees.total[rows], blocks={b: v[rows] for b, v in nees.blocks.items()}
-            ),
-            last_error=last_errors[k],
-        )
-        evaluation.__dict__["body"] = body
-        found.append(evaluation)
-    return found
+    ends = arrays["mean"][:, -1], arrays["factor"][:, -1]
+    body = bodies_of(layout, times[-1:].repeat(len(whole)), *ends).together
+    arrays["time"] = times
+    arrays["runtime"] = np.r_[0.0, np.full(count - 1, seconds / (len(first) * (count - 1)))]
+    moving = {name: getattr(errors, name) for name in ("position", "attitude", "velocity", "rate")}
+    moving = {name: _by_runs(error, count) for name, error in moving.items() if error is not None}
+    blocks = {block: _by_runs(values, count) for block, values in nees.blocks.items()}
+    evaluation = Evaluation(
+        _history(name, setup, arrays, setup.observations),
+        errors=replace(errors, time=times, rows=np.arange(count), **moving),
+        body_errors=body_errors(body, truth),
+        nees=replace(nees, time=times, total=_by_runs(nees.total, count), blocks=blocks),
+        last_error=layout.local(ends[0], true),
+    )
+    evaluation.__dict__["body"] = body
+    return evaluation
+
+
+def _by_runs(values: np.ndarray, count: int) -> np.ndarray:
+    """Values of all epochs by run and epoch."""
+    return values.reshape(-1, count, *values.shape[1:])
+
+
+def _are_numbers(
+    mean: Float[np.ndarray, "r m"], factor: Float[np.ndarray, "r e e"]
+) -> Bool[np.ndarray, " r"]:
+    """Whether the last belief of each run is of numbers whose squares are numbers, too; what is not stays so."""
+    sizes = np.abs(mean).max(axis=1), np.abs(factor).max(axis=(1, 2))
+    return (sizes[0] < LARGEST) & (sizes[1] < LARGEST)
 
 
 def _rows_after_first(before: np.ndarray | None, values: np.ndarray) -> np.ndarray:

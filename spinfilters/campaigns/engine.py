@@ -69,6 +69,7 @@ def run_campaign(
     executor: Executor,
     resume: bool = False,
     progress: Progress = lambda _: None,
+    together: int = 1,
 ) -> Advance:
     """Compute the runs of a study that its folder lacks.
 
@@ -84,6 +85,8 @@ def run_campaign(
         Go on with the rows that the folder has.
     progress : Progress
         Called before the first row and after every one.
+    together : int
+        Rows that are written at once (`RowsFolder`).
 
     Raises
     ------
@@ -95,7 +98,7 @@ def run_campaign(
     make_folder(folder)
     with locked_run(folder):
         open_folder(folder, study, resume)
-        with RowsFolder(folder, study.columns, study.levels) as rows:
+        with RowsFolder(folder, study.columns, study.levels, together) as rows:
             done = rows.done()
             keep_study(folder, study, done)
             chunks = list(_outstanding_chunks(study, done))

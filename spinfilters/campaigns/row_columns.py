@@ -5,13 +5,14 @@ from typing import Any, Final
 
 import pyarrow as pa
 
+from spinfilters.evaluation.consistency import NormalisedErrors
 from spinfilters.evaluation.epoch_spans import EpochSpan, own_span, shared_span
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.metrics import Metric, metrics, values_by_column
+from spinfilters.evaluation.metrics import Metric, metrics, values_by_column, values_of_runs
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.sensor_format import noise_options
-from spinfilters.models.status import QUANTITIES
+from spinfilters.models.status import QUANTITIES, EstimatorStatus
 
 TIMES: Final[tuple[str, ...]] = ("simulate", "initialise", "estimate", "evaluate")
 """Seconds of processor time of one run's parts."""
@@ -80,20 +81,38 @@ def result_columns(
 
     ``chosen`` are `metrics`, where the caller has looked them up for many runs.
     """
-    status, own = evaluation.history.status, span_of_rows(evaluation, shared)
-    chosen = metrics() if chosen is None else chosen
-    found: dict[str, Any] = {
+    own = span_of_rows(evaluation, shared)
+    found = _verdict_columns(evaluation.history.status)
+    found |= values_by_column(metrics() if chosen is None else chosen, own)
+    if own.nees is not None:
+        found["nees_time_s"], found["nees_over_time"] = _thinned_nees(own.nees)
+    return found
+
+
+def columns_of_runs(
+    evaluation: Evaluation, runs: int, shared: float | None, chosen: Sequence[Metric]
+) -> list[dict[str, Any]]:
+    """`result_columns` of each of many runs that were evaluated together."""
+    own = span_of_rows(evaluation, shared)
+    same, columns = _verdict_columns(evaluation.history.status), values_of_runs(chosen, own, runs)
+    if own.nees is not None:
+        same["nees_time_s"], columns["nees_over_time"] = _thinned_nees(own.nees)
+    return [same | dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+
+def _verdict_columns(status: EstimatorStatus) -> dict[str, Any]:
+    return {
         "verdict_reasons": "; ".join(status.reasons),
         "verdict_checks": " ".join(each.check for each in status.findings),
         **{f"holds_{name}": str(state) for name, state in status.holds.items()},
-        **values_by_column(chosen, own),
     }
-    if own.nees is not None:
-        every = -(-len(own.nees.time) // MOST_EPOCHS)
-        kept = slice((len(own.nees.time) - 1) % every, None, every)  # the last epoch is among them
-        found["nees_time_s"] = own.nees.time[kept].tolist()
-        found["nees_over_time"] = (own.nees.total[kept] / own.nees.dof).tolist()
-    return found
+
+
+def _thinned_nees(nees: NormalisedErrors) -> tuple[list[float], list[Any]]:
+    """Times, s, and NEES per degree of freedom of at most `MOST_EPOCHS` epochs, the last among them."""
+    every = -(-len(nees.time) // MOST_EPOCHS)
+    kept = slice((len(nees.time) - 1) % every, None, every)
+    return nees.time[kept].tolist(), (nees.total[..., kept] / nees.dof).tolist()
 
 
 def bound_columns(evaluation: Evaluation, shared: float | None = None) -> dict[str, Any]:

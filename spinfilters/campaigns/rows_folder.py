@@ -3,6 +3,8 @@
 A row is in the journal as soon as it is there, as a line of JSON, so that a kill at any moment loses none; parts are written whole
 and then take the journal's place. A line that a kill has cut short is no row. Whole lines that are none (a flipped bit, a run that
 the study has not) are kept in a file of their own, ``.damaged``, and their runs are made again.
+
+Rows that come by the thousand a second have no journal: they are written as parts, so that a kill loses the latest of them.
 """
 
 import json
@@ -153,6 +155,8 @@ class RowsFolder:
         Names of the study's factors.
     levels : Sequence[Mapping[str, str]]
         Of every cell, against which rows are checked.
+    together : int
+        Rows that are written at once as a part, without a journal; 1 for a journal of every row.
 
     Raises
     ------
@@ -161,8 +165,13 @@ class RowsFolder:
     """
 
     def __init__(
-        self, folder: Path, factors: Sequence[str], levels: Sequence[Mapping[str, str]] = ()
+        self,
+        folder: Path,
+        factors: Sequence[str],
+        levels: Sequence[Mapping[str, str]] = (),
+        together: int = 1,
     ) -> None:
+        self._together, self._waiting = together, list[Mapping[str, Any]]()
         self.folder = folder / ROWS
         self._rules = RowRules(schema(list(factors)), levels)
         self._journal: BinaryIO | None = None
@@ -191,16 +200,19 @@ class RowsFolder:
         return found
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Write a row to the journal.
+        """Write a row to the journal, or keep it for a part of many.
 
         InputError: it cannot be written, as on a full disk; what was kept before stays.
         """
+        if self._together > 1:
+            self._waiting.append(row)
+            if len(self._waiting) >= self._together:
+                self._finish_part()
+            return
         line = json.dumps(row).encode() + b"\n"
         try:
             if self._journal is None:
-                last = max((int(path.stem) for path in part_files(self.folder)), default=0)
-                path = self.folder / f"{last + 1:06d}{_JOURNAL}"
-                self._journal = open(path, "xb", buffering=0)  # noqa: SIM115  closed with its part
+                self._journal = open(self._next(_JOURNAL), "xb", buffering=0)  # noqa: SIM115  closed with its part
             written = self._journal.write(line)
             if written != len(line):
                 raise OSError(28, os.strerror(28))
@@ -213,13 +225,21 @@ class RowsFolder:
             self._finish_part()
 
     def _finish_part(self) -> None:
-        """Write the journal's rows as a part, then remove the journal."""
+        """Write the rows that wait as a part, or the journal's, then remove the journal."""
+        if self._waiting:
+            rows, self._waiting = self._waiting, []
+            _write_checked(self._next(_PART), rows, self._rules)
         if self._journal is None:
             return
         journal = Path(self._journal.name)
         _take_over(journal, self._rules)
         self._journal.close()
         self._journal, self._journal_length = None, 0
+
+    def _next(self, suffix: str) -> Path:
+        """File of the next part, or of its journal."""
+        last = max((int(path.stem) for path in part_files(self.folder)), default=0)
+        return self.folder / f"{last + 1:06d}{suffix}"
 
     def _recover(self) -> None:
         """Parts in the place of journals that a kill has left."""
@@ -228,6 +248,17 @@ class RowsFolder:
         for left in self.folder.glob(".*.part"):
             with suppress(OSError):
                 left.unlink()
+
+
+def _write_checked(part: Path, rows: Sequence[Mapping[str, Any]], rules: RowRules) -> None:
+    """Write a part; of values that are of another kind than their columns, as a plug-in's may be, the rows are set aside."""
+    try:
+        write_part(part, rows, rules.schema)
+    except (pa.ArrowException, ValueError, TypeError):
+        good = [row for row in rows if rules.is_row(row)]
+        lines = [json.dumps(row).encode() for row in rows if not rules.is_row(row)]
+        write_bytes(part.with_suffix(SET_ASIDE), b"\n".join([*lines, b""]))
+        write_part(part, good, rules.schema)
 
 
 def _take_over(journal: Path, rules: RowRules) -> None:

@@ -1,8 +1,8 @@
 """Attitude on NumPy arrays: every representation to and from the unit quaternion, over any leading axes.
 
-The formulas are those of `spinfilters.core.attitude_expressions`, interpreted rather than compiled to C, so that a
-single call never waits for a compiler; they are built at their first call. Quaternions are Hamilton, scalar
-last, q_ab maps b to a (`spinfilters.core.conventions`); within `UNIT_TOLERANCE` of unit norm they are normalised.
+The formulas are those of `spinfilters.core.attitude_expressions`, interpreted until they have been called so often
+that compiled C repays, so that a single call never waits for a compiler; they are built at their first call. Quaternions are
+Hamilton, scalar last, q_ab maps b to a (`spinfilters.core.conventions`); within `UNIT_TOLERANCE` of unit norm they are normalised.
 Batch axes broadcast.
 
 Errors of every function: ShapeError for a wrong trailing shape, InputError for values that are not finite and
@@ -212,7 +212,7 @@ def _numeric(expression: Callable[..., Any], *shapes: int | tuple[int, int]) -> 
     outputs = expression(*symbols)
     listed = outputs if isinstance(outputs, tuple) else (outputs,)
     outputs_named = [f"y{k}" for k in range(len(listed))]
-    return Compiled.interpreted(ca.Function(expression.__name__, symbols, listed, names, outputs_named))
+    return Compiled.late(ca.Function(expression.__name__, symbols, listed, names, outputs_named))
 
 
 def _finite(name: str, value: np.ndarray | float, *trailing: int) -> np.ndarray:

@@ -21,6 +21,8 @@ MOST_IDLE: Final = 16
 """Buffers of a function that are kept while no call needs them: as many as threads have called it at once."""
 MOST_MAPPED = 1024
 """Items that one virtual machine takes at once: to build one takes as long as to run it, and counts vary."""
+WORTH_COMPILING: Final = 100_000
+"""Items of which the interpretation takes about as long as a compiler."""
 Loader = Callable[[ca.Function], ctypes.PyDLL | None]
 """Makes the C library of a function's loop, or None to interpret it."""
 
@@ -41,7 +43,9 @@ class Compiled:
         The expression; every output is made dense here, because bound buffers would keep only structural
         non-zeros.
     load : Loader
-        Makes its library at the first call; see `Compiled.interpreted` for one that never runs a compiler.
+        Makes its library; see `Compiled.interpreted` for one that never runs a compiler.
+    patience : int
+        Items that are interpreted before the library is made.
 
     Raises
     ------
@@ -49,8 +53,8 @@ class Compiled:
         At a call, for a wrong trailing shape or number of arguments, or batch axes that differ.
     """
 
-    def __init__(self, function: ca.Function, load: Loader = load_loop) -> None:
-        self._load = load
+    def __init__(self, function: ca.Function, load: Loader = load_loop, patience: int = 0) -> None:
+        self._load, self._patience = load, patience
         with building():
             self._function = _densified(function)
             self.name: str = function.name()
@@ -71,6 +75,11 @@ class Compiled:
     def interpreted(cls, function: ca.Function) -> "Compiled":
         """The function without C, for rarely called expressions."""
         return cls(function, no_library)
+
+    @classmethod
+    def late(cls, function: ca.Function) -> "Compiled":
+        """The function without C until it has been called so often that a compiler repays."""
+        return cls(function, patience=WORTH_COMPILING)
 
     @property
     def input_shapes(self) -> list[tuple[int, int]]:
@@ -107,13 +116,13 @@ class Compiled:
                     self._library = self._load(self._function)
                     self._loaded = True
 
-    def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader]]:
+    def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader, int]]:
         """Buffers and libraries do not pickle: another process builds its own from the expression."""
-        return Compiled, (self._function, self._load)
+        return Compiled, (self._function, self._load, self._patience)
 
     def __call__(self, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
         """Evaluate; returns one array per output (see the class for shapes)."""
-        if not self._loaded:
+        if not self._loaded and self._patience <= 0:
             self.build()
         if self._library is not None:
             # taken out and put back in one step each, so that no other thread has the same; lost, if the call fails
@@ -152,7 +161,8 @@ class Compiled:
         ]
 
     def _run(self, count: int, arrays: Sequence[Any], strides: list[int], results: list[np.ndarray]) -> None:
-        if self.is_c and self._library is not None:
+        self._patience -= count
+        if self._library is not None:
             flag = self._library.spinfilters_loop(
                 ctypes.c_longlong(count),
                 self._pointers_in(*map(address, arrays)),

@@ -32,7 +32,9 @@ Noise
     Names of continuous densities end in ``_psd``, with units such as (rad/s^2)^2/Hz; those of discrete covariances end in ``_cov``.
 """
 
-from typing import Final
+from typing import Any, Final
 
 RPM: Final[float] = 0.10471975511965977
 """One revolution per minute in rad/s (2 pi / 60)."""
+PerRun = Any
+"""A number; of many runs that are evaluated together an array of them, (r,)."""

@@ -14,6 +14,7 @@ from spinfilters.core.attitude_conversions import (
     quaternion_from_rotation_vector,
     rotate,
 )
+from spinfilters.core.conventions import PerRun
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import (
     by_stretches,
@@ -35,6 +36,8 @@ _FRAME_STEP = 1e-5  # rad and m: of a central difference
 class NormalisedErrors:
     """NEES e' P^-1 e of the state's error, chi-square with its dimension for a consistent estimator.
 
+    Those of many runs at the same times have an axis (r,) in front.
+
     Attributes
     ----------
     time : (n,) float array
@@ -46,22 +49,27 @@ class NormalisedErrors:
     """
 
     time: Float[np.ndarray, " n"]
-    total: Float[np.ndarray, " n"]
+    total: Float[np.ndarray, "*r n"]
     dof: int
-    blocks: dict[str, Float[np.ndarray, " n"]]
+    blocks: dict[str, Float[np.ndarray, "*r n"]]
 
     @property
-    def mean(self) -> float:
+    def mean(self) -> PerRun:
         """Mean over time of the whole error's, divided by its dimension: 1 for a consistent estimator."""
-        return float(np.mean(self.total)) / self.dof
+        return np.mean(self.total, axis=-1) / self.dof
+
+    def of_run(self, run: int) -> "NormalisedErrors":
+        """NEES of one run, of those of many."""
+        blocks = {block: values[run] for block, values in self.blocks.items()}
+        return NormalisedErrors(self.time, self.total[run], self.dof, blocks)
 
     def within(self, begin: float, end: float) -> "NormalisedErrors | None":
         """Errors within a span of time (s), both ends included, without copies; None without any."""
         rows = rows_within(self.time, begin, end)
         if rows.start == rows.stop:
             return None
-        blocks = {block: values[rows] for block, values in self.blocks.items()}
-        return NormalisedErrors(self.time[rows], self.total[rows], self.dof, blocks)
+        blocks = {block: values[..., rows] for block, values in self.blocks.items()}
+        return NormalisedErrors(self.time[rows], self.total[..., rows], self.dof, blocks)
 
 
 def chi_square_band(
@@ -164,7 +172,7 @@ def normalised_errors(
     def derive(part: slice) -> dict[str, np.ndarray]:
         """Quantities of a stretch of epochs."""
         factor = history.factor[rows[part]]
-        away = layout.local(history.mean[rows[part]], true_states(truth, layout, true_rows[part]))
+        away = layout.local_pairs(history.mean[rows[part]], true_states(truth, layout, true_rows[part]))
         parts = {b: layout.slice(b) for b in layout.blocks}
         if moved is None:
             parts["total"] = slice(0, layout.error_dim)
@@ -260,10 +268,10 @@ def finite_epochs(history: EstimateHistory) -> Bool[np.ndarray, " n"]:
     return by_stretches(len(history.time), are_finite, history.factor)["finite"]
 
 
-def nis_ratio(history: EstimateHistory) -> float | None:
+def nis_ratio(history: EstimateHistory) -> PerRun | None:
     """Sum of the NIS over its degrees of freedom, 1 when consistent; None without any update."""
-    dof = int(history.dof.sum())
-    return float(history.nis.sum()) / dof if dof else None
+    dof = history.dof.sum(axis=-1)
+    return history.nis.sum(axis=-1) / dof if dof.all() else None
 
 
 WHOLE: Final = "state"

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.core.conventions import PerRun
 from spinfilters.evaluation.consistency import NormalisedErrors
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.stated_errors import stated_errors
@@ -31,19 +32,19 @@ class ObservationUse:
     Attributes
     ----------
     accepted, rejected : (n,) int array
-        Numbers of observations used, and rejected.
+        Numbers of observations used, and rejected; of many runs (r, n).
     available : (n,) int array or None
         All of them, None where unknown.
     """
 
-    accepted: Int[np.ndarray, " n"]
-    rejected: Int[np.ndarray, " n"]
+    accepted: Int[np.ndarray, "*r n"]
+    rejected: Int[np.ndarray, "*r n"]
     available: Int[np.ndarray, " n"] | None
 
     @property
-    def used_per_epoch(self) -> float:
+    def used_per_epoch(self) -> PerRun:
         """Mean number of used observations per epoch."""
-        return float(self.accepted.mean())
+        return self.accepted.mean(axis=-1)
 
     @property
     def available_per_epoch(self) -> float | None:
@@ -51,9 +52,10 @@ class ObservationUse:
         return None if self.available is None else float(self.available.mean())
 
     @property
-    def share(self) -> float | None:
+    def share(self) -> PerRun | None:
         """Used share of the available observations, 0 to 1; None if unknown."""
-        return None if self.available is None else float(self.accepted.sum() / max(self.available.sum(), 1))
+        available = self.available
+        return None if available is None else self.accepted.sum(axis=-1) / max(available.sum(), 1)
 
     @property
     def uses_all(self) -> bool:
@@ -68,7 +70,7 @@ def observation_use(history: EstimateHistory, begin: float, end: float = np.inf)
     if rows.start >= rows.stop:
         return None
     available = None if history.observations is None else history.observations[rows]
-    return ObservationUse(history.accepted[rows], history.rejected[rows], available)
+    return ObservationUse(history.accepted[..., rows], history.rejected[..., rows], available)
 
 
 def use_by_sensor(history: EstimateHistory, timeline: Timeline) -> dict[str, dict[str, int]]:
@@ -116,7 +118,7 @@ def use_by_sensor(history: EstimateHistory, timeline: Timeline) -> dict[str, dic
 
 @dataclass(frozen=True)
 class EpochSpan:
-    """An evaluation within a span of time: what every metric is computed from.
+    """An evaluation, of one run or of many, within a span of time: what every metric is computed from.
 
     Attributes
     ----------
@@ -176,10 +178,13 @@ class EpochSpan:
         return observation_use(self.evaluation.history, self.begin, self.end)
 
     @cached_property
-    def worst_stated_error(self) -> tuple[str, float] | None:
+    def worst_stated_error(self) -> tuple[PerRun, PerRun] | None:
         """Quantity with the largest error after the last epoch, and that in its stated standard deviations."""
         found = stated_errors(self.evaluation)
-        return max(found.items(), key=lambda each: each[1], default=None)
+        if not found:
+            return None
+        errors = np.array(list(found.values()))
+        return np.array(list(found))[errors.argmax(axis=0)], errors.max(axis=0)
 
 
 def own_span(evaluation: Evaluation) -> EpochSpan:

@@ -15,6 +15,7 @@ from spinfilters.core.attitude_expressions import rotate as rotate_expression
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.core.linear_algebra import by_stretches
+from spinfilters.core.working_time import building
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.input_file import path_text
 from spinfilters.io.measurement_log import MeasurementLog, normalised
@@ -24,7 +25,7 @@ from spinfilters.io.text_table import write_csv
 from spinfilters.io.truth import TRUTH_COLUMNS, Truth
 from spinfilters.models.body import BodyEstimate, BodyHistory, bodies_of
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.models.state_layout import StateLayout, with_error_jacobian
+from spinfilters.models.state_layout import Quantity, StateLayout, with_error_jacobian
 
 STD_COLUMNS: Final[tuple[str, ...]] = tuple(
     f"std_{name}{axis}" for name in ("r", "a", "v", "w") for axis in "xyz"
@@ -40,8 +41,8 @@ CLEAR: Final = 3.0
 
 
 @dataclass(frozen=True)
-class Trajectory:
-    """Motion of the centre of mass and attitude of g as in `spinfilters.io.truth`, with uncertainty.
+class EstimatedMotion:
+    """Motion of the centre of mass and attitude of g as in `spinfilters.io.truth`.
 
     Attributes
     ----------
@@ -55,10 +56,6 @@ class Trajectory:
         Velocity of the centre of mass in i, m/s.
     rate_i : (n, 3) float array
         Angular rate in i axes, rad/s.
-    std_position, std_velocity, std_rate : (n, 3) float array
-        Standard deviations along the same axes; std_rate includes that of the attitude.
-    std_attitude : (n, 3) float array
-        Standard deviations about the axes of g, rad.
     sees_position : bool
         False for a layout of rotations only: position and velocity are then zero by definition, because the origin of i
         rides on the centre of mass.
@@ -69,10 +66,6 @@ class Trajectory:
     q_ig: Float[np.ndarray, "n 4"]
     velocity: Float[np.ndarray, "n 3"]
     rate_i: Float[np.ndarray, "n 3"]
-    std_position: Float[np.ndarray, "n 3"]
-    std_attitude: Float[np.ndarray, "n 3"]
-    std_velocity: Float[np.ndarray, "n 3"]
-    std_rate: Float[np.ndarray, "n 3"]
     sees_position: bool
 
     @property
@@ -80,6 +73,24 @@ class Trajectory:
         """Epochs whose motion is finite, whatever its uncertainty."""
         motion = (self.position, self.q_ig, self.velocity, self.rate_i)
         return np.logical_and.reduce([np.isfinite(each).all(axis=1) for each in motion])
+
+
+@dataclass(frozen=True)
+class Trajectory(EstimatedMotion):
+    """Motion with its uncertainty.
+
+    Attributes
+    ----------
+    std_position, std_velocity, std_rate : (n, 3) float array
+        Standard deviations along the same axes; std_rate includes that of the attitude.
+    std_attitude : (n, 3) float array
+        Standard deviations about the axes of g, rad.
+    """
+
+    std_position: Float[np.ndarray, "n 3"]
+    std_attitude: Float[np.ndarray, "n 3"]
+    std_velocity: Float[np.ndarray, "n 3"]
+    std_rate: Float[np.ndarray, "n 3"]
 
     def at(self, rows: Int[np.ndarray, " k"]) -> "Trajectory":
         """The trajectory at some epochs."""
@@ -137,14 +148,31 @@ def trajectory_of(history: EstimateHistory) -> Trajectory:
             **{f"std_{name.removesuffix('_i')}": std[:, columns] for name, columns in moving.items()},
         }
 
-    sees_position = layout.translates
-    places = {"position": slice(0, 3), "velocity": slice(3, 6)}
-    moving = (places if sees_position else {}) | {"rate_i": slice(6, 9)}
+    moving = _places(layout)
     motion = by_stretches(len(history.time), derive, history.factor)
-    if not sees_position:
+    if not layout.translates:
         nothing = np.broadcast_to(0.0, (len(history.time), 3))
-        motion |= {name: nothing for place in places for name in (place, f"std_{place}")}
-    return Trajectory(time=history.time, sees_position=sees_position, **motion)
+        motion |= {name: nothing for place in _PLACES for name in (place, f"std_{place}")}
+    return Trajectory(time=history.time, sees_position=layout.translates, **motion)
+
+
+def motion_of(history: EstimateHistory) -> EstimatedMotion:
+    """Motion of a history without its covariances, as of `trajectory_of` to rounding."""
+    layout = history.layout
+    (value,) = _motion_alone(layout)(history.mean)
+    motion = {name: value[:, columns] for name, columns in _places(layout).items()}
+    if not layout.translates:
+        motion |= dict.fromkeys(_PLACES, np.broadcast_to(0.0, (len(history.time), 3)))
+    q_ig = normalised(history.mean[:, layout.mean_slice("a")])
+    return EstimatedMotion(time=history.time, q_ig=q_ig, sees_position=layout.translates, **motion)
+
+
+_PLACES: Final = {"position": slice(0, 3), "velocity": slice(3, 6)}
+
+
+def _places(layout: StateLayout) -> dict[str, slice]:
+    """Components of `_motion` by their names, of those that the layout has."""
+    return (_PLACES if layout.translates else {}) | {"rate_i": slice(6, 9)}
 
 
 def estimated_rates(history: EstimateHistory) -> BodyRates:
@@ -258,9 +286,20 @@ def read_map_ply(path: Path) -> Float[np.ndarray, "k 3"]:
 @cache
 def _motion(layout: StateLayout) -> Compiled:
     """Centre of mass, velocity and rate in i (9), derivative (9 x e) by the error."""
-    return with_error_jacobian(
-        layout, "motion_in_i", _motion_of_centre if layout.translates else _rotation_alone
-    )
+    return with_error_jacobian(layout, "motion_in_i", _quantity(layout))
+
+
+@cache
+@building()
+def _motion_alone(layout: StateLayout) -> Compiled:
+    """Centre of mass, velocity and rate in i (9)."""
+    x = ca.SX.sym("x", layout.mean_dim)
+    value = _quantity(layout)(layout.unpack(x))
+    return Compiled.late(ca.Function("motion_in_i_alone", [x], [value], ["x"], ["y"]))
+
+
+def _quantity(layout: StateLayout) -> Quantity:
+    return _motion_of_centre if layout.translates else _rotation_alone
 
 
 def _rotation_alone(state: dict[str, Expression]) -> Expression:

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.core.conventions import PerRun
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.evaluation.consistency import (
     NormalisedErrors,
@@ -36,7 +37,6 @@ from spinfilters.io.input_file import reason
 from spinfilters.io.truth import Truth
 from spinfilters.models.body import BodyEstimate, BodyHistory, body_estimate
 from spinfilters.models.state_blocks import BLOCKS, ReportedConstant, StateBlock
-from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.state_mixture import central_half_widths
 from spinfilters.models.status import EstimatorStatus
 
@@ -48,20 +48,23 @@ REPORTED: Final[Mapping[str, ReportedConstant]] = {
 
 @dataclass(frozen=True)
 class ConstantEstimate:
-    """A constant block as one belief sees it, in the unit of the block."""
+    """A constant block as one belief sees it, or those of many runs, in the unit of the block."""
 
     block: StateBlock
-    value: Float[np.ndarray, " k"]
-    std: Float[np.ndarray, " k"]
+    value: Float[np.ndarray, "*r k"]
+    std: Float[np.ndarray, "*r k"]
 
 
-def constant_estimates(belief: Gaussian) -> dict[str, ConstantEstimate]:
-    """Estimates of a belief's blocks in `REPORTED`, by name."""
-    layout, std = belief.layout, belief.std
+def constant_estimates(history: EstimateHistory) -> dict[str, ConstantEstimate]:
+    """Estimates of the blocks in `REPORTED` after the last epoch, by name."""
+    layout, mean, factor = history.layout, history.mean[..., -1, :], history.factor[..., -1, :, :]
+    std = np.sqrt(np.einsum("...ij,...ij->...i", factor, factor))
     held = [block for block in layout.constant if block.name in REPORTED]
     return {
         block.name: ConstantEstimate(
-            block, belief.mean[layout.mean_slice(block.name)], std[layout.slice(block.name)]
+            block,
+            mean[..., layout.mean_slice(block.name)],
+            std[..., layout.slice(block.name)],
         )
         for block in held
     }
@@ -165,7 +168,7 @@ def _deviations(last: EstimateHistory) -> Deviations:
         found["center_of_mass_m"] = body.center_of_mass_std
     if motion.sees_position:
         found |= {"position_m": motion.std_position[0], "velocity_m_s": motion.std_velocity[0]}
-    constants = constant_estimates(belief)
+    constants = constant_estimates(last)
     return found | {REPORTED[name].value_key: each.std for name, each in constants.items()}
 
 
@@ -252,7 +255,7 @@ _MOST_DECIMALS: Final = 9
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Evaluation of one estimator's run.
+    """Evaluation of one estimator's run, or of many of its runs: arrays of what differs then have an axis (r,) in front.
 
     Attributes
     ----------
@@ -283,7 +286,21 @@ class Evaluation:
     bound: ErrorBound | None = None
     bound_missing: str | None = None
     distances: Mapping[str, PosteriorDistance] | None = None
-    last_error: Float[np.ndarray, " e"] | None = None
+    last_error: Float[np.ndarray, "*r e"] | None = None
+
+    def of_run(self, run: int) -> "Evaluation":
+        """One run, of the evaluation of many."""
+        error, errors, nees, last = self.body_errors, self.errors, self.nees, self.last_error
+        own = replace(
+            self,
+            history=self.history.of_run(run),
+            errors=None if errors is None else errors.of_run(run),
+            body_errors=None if error is None else error.of_run(run),
+            nees=None if nees is None else nees.of_run(run),
+            last_error=None if last is None else last[run],
+        )
+        own.__dict__["body"] = self.body.of_run(run)
+        return own
 
     @property
     def name(self) -> str:
@@ -333,7 +350,7 @@ class Evaluation:
     @cached_property
     def constants(self) -> dict[str, ConstantEstimate]:
         """Drag, gyro bias and the like after the last epoch, by the name of their block."""
-        return constant_estimates(self.history.belief(-1))
+        return constant_estimates(self.history)
 
     @cached_property
     def deviation_parts(self) -> dict[str, DeviationPart]:
@@ -393,7 +410,7 @@ class Evaluation:
         return float(own[0]) if own.size else None
 
     @property
-    def nis_ratio(self) -> float | None:
+    def nis_ratio(self) -> PerRun | None:
         """NIS per degree of freedom over the run; the initialisation has none."""
         return nis_ratio(self.history)
 

@@ -2,12 +2,13 @@
 
 A metric is one line in `METRICS`, or of another distribution an entry point of the group ``spinfilters.metrics``. From its line
 follow its place in `summary.json`, its row in the terminal, in ``report.html`` and in a notebook, its column in the rows of a
-campaign, and its mean over runs in the campaign's report.
+campaign, and its mean over runs in the campaign's report. The metrics of this package are computed of one run or of many at once,
+whose arrays have an axis of runs in front: their formulas count axes from the last.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from functools import cached_property
 from operator import attrgetter
@@ -15,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from spinfilters.core.conventions import PerRun
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.core.plugins import installed_plugins, require_made
 from spinfilters.evaluation.consistency import NormalisedErrors
@@ -106,6 +108,8 @@ class Metric:
         compare it over these.
     null : bool
         Whether `summary.json` says null where there is none; if not, the key is left out.
+    of_many : bool
+        Whether its value may be asked of an evaluation of many runs: one number for each, or one that all have.
     """
 
     key: str
@@ -121,6 +125,7 @@ class Metric:
     kind: type = float
     of_epochs: bool = False
     null: bool = True
+    of_many: bool = False
 
     @cached_property
     def leaf(self) -> str:
@@ -181,6 +186,31 @@ def values_by_column(chosen: Sequence[Metric], span: EpochSpan) -> dict[str, Any
     """Values of those metrics that have a column of rows, as `Metric.of`, by that column."""
     with np.errstate(all="ignore"):
         return {each.column_name: _plain(each.value, span) for each in chosen if each.column_name}
+
+
+def values_of_runs(chosen: Sequence[Metric], span: EpochSpan, runs: int) -> dict[str, list[Any]]:
+    """`values_by_column` of each of many runs that were evaluated together, a list by column."""
+    named = [each for each in chosen if each.column_name]
+    with np.errstate(all="ignore"):
+        return {each.column_name: _of_each(each, span, runs) for each in named}
+
+
+def _of_each(metric: Metric, span: EpochSpan, runs: int) -> list[Any]:
+    """Values of a metric for each run, at once where it can."""
+    if metric.of_many:
+        try:
+            found = metric.value(span)
+            values = None if found is None else np.asarray(found)
+            return [found] * runs if values is None else _spread(values, runs)
+        except (*NUMERICAL_ERRORS, InputError):  # of some run
+            pass
+    spans = (replace(span, evaluation=span.evaluation.of_run(run)) for run in range(runs))
+    return [_plain(metric.value, each) for each in spans]
+
+
+def _spread(values: np.ndarray, runs: int) -> list[Any]:
+    """Plain values of each run; one number is that of all."""
+    return values.tolist() if values.ndim else [values.tolist()] * runs
 
 
 def _computed(value: ValueOf, span: EpochSpan) -> Any:
@@ -296,10 +326,12 @@ def _body_error(read: Callable[[BodyErrors], Any]) -> tuple[ValueOf, ValueOf]:
 
 def _moment_metrics(index: int, name: str) -> tuple[Metric, ...]:
     """Rows and columns of one principal moment over the largest, J of `index` among the ascending."""
-    error, bound = _body_error(lambda e: None if e.principal_moments is None else e.principal_moments[index])
+    error, bound = _body_error(
+        lambda e: None if e.principal_moments is None else e.principal_moments[..., index]
+    )
     pair = lambda span: span.evaluation.moment_texts[index].split(" ± ")  # noqa: E731
     parts = _parts("principal_moments", lambda std: std[index])
-    std, place = _body(lambda body: body.principal_moments_std[index]), index + 1
+    std, place = _body(lambda body: body.principal_moments_std[..., index]), index + 1
     within = _within("principal_moments", lambda half_widths: half_widths[:, index])
     # fmt: off
     return (
@@ -323,7 +355,7 @@ def _constant_metrics(block: StateBlock, reported: ReportedConstant) -> tuple[Me
         def value(span: EpochSpan) -> Any:
             """Of the last epoch."""
             found = span.evaluation.constants.get(block.name)
-            return None if found is None else read(found)[0] if block.dimension == 1 else read(found)
+            return None if found is None else read(found)[..., 0] if block.dimension == 1 else read(found)
 
         return value
 
@@ -350,7 +382,7 @@ def _motion_metrics(name: str, field: str, unit: str, scale: float) -> tuple[Met
     def last(span: EpochSpan) -> Any:
         """Length of the last error."""
         error = None if span.errors is None else getattr(span.errors, name)
-        return None if error is None else np.linalg.norm(error[-1])
+        return None if error is None else np.linalg.norm(error[..., -1, :], axis=-1)
 
     label = f"{name} error in i" if name == "rate" else f"{name} error"
     # fmt: off
@@ -388,10 +420,10 @@ def _within(quantity: str, read: Callable[[np.ndarray], np.ndarray]) -> ValueOf:
 def _nees_metric(block: StateBlock) -> Metric:
     """NEES of one block."""
 
-    def mean(span: EpochSpan) -> float | None:
+    def mean(span: EpochSpan) -> PerRun | None:
         """None where the state has no such block."""
         squares = None if span.nees is None else span.nees.blocks.get(block.name)
-        return None if squares is None else float(np.mean(squares)) / block.dimension
+        return None if squares is None else np.mean(squares, axis=-1) / block.dimension
 
     # fmt: off
     return Metric(f"errors.nees_per_dof_{block.name}", f"  {block.label}", "", mean, form=number(".2f"), expected=1.0,
@@ -433,8 +465,10 @@ def _worst(read: Callable[[str, float], Any]) -> ValueOf:
     return lambda span: None if span.worst_stated_error is None else read(*span.worst_stated_error)
 
 
-_centre = _body_error(lambda e: None if e.center_of_mass_g is None else np.linalg.norm(e.center_of_mass_g))
-_axis = _body_error(lambda e: None if e.axes_angle is None else e.axes_angle.max())
+_centre = _body_error(
+    lambda e: None if e.center_of_mass_g is None else np.linalg.norm(e.center_of_mass_g, axis=-1)
+)
+_axis = _body_error(lambda e: None if e.axes_angle is None else e.axes_angle.max(axis=-1))
 _moments_error, _k1_error, _k2_error, _axes_angle, _centre_error = (
     _body_error(attrgetter(name))
     for name in ("principal_moments", "k1", "k2", "axes_angle", "center_of_mass_g")
@@ -455,7 +489,7 @@ def _in_axes(name: str) -> str:
 
 
 # fmt: off
-METRICS: Final[tuple[Metric, ...]] = (
+_METRICS: Final[tuple[Metric, ...]] = (
     # the estimator, its epochs and its observations
     Metric("status", "status", "", _history(lambda h: str(h.status.verdict)), form=words, section=USE, column="verdict",
            kind=str),
@@ -471,8 +505,8 @@ METRICS: Final[tuple[Metric, ...]] = (
            section=USE, of_epochs=True),
     Metric("observations.share_used", "  share used", "", _use(lambda u: u.share), form=lambda share, _: f"{100 * share:.1f} %",
            section=USE, of_epochs=True),
-    Metric("measurements.accepted", "", "", _history(lambda h: h.accepted[h.own].sum()), section=USE, kind=int),
-    Metric("measurements.rejected", "", "", _history(lambda h: h.rejected[h.own].sum()), section=USE, kind=int),
+    Metric("measurements.accepted", "", "", _history(lambda h: h.accepted[..., h.own].sum(axis=-1)), section=USE, kind=int),
+    Metric("measurements.rejected", "", "", _history(lambda h: h.rejected[..., h.own].sum(axis=-1)), section=USE, kind=int),
     Metric("", "accepted / rejected", "", _use(lambda u: f"{u.accepted.sum()} / {u.rejected.sum()}"), form=words, section=USE),
 
     # the body after the last epoch, and its errors
@@ -517,7 +551,7 @@ METRICS: Final[tuple[Metric, ...]] = (
     Metric("errors.nees_per_dof", "NEES per dof", "", _nees(lambda n: n.mean), form=number(".2f"), expected=1.0,
            section=CONSISTENCY, column="nees", of_epochs=True),
     *map(_nees_metric, BLOCKS.values()),
-    Metric("errors.last_nees_per_dof", "", "", _nees(lambda n: n.total[-1] / n.dof), expected=1.0, section=CONSISTENCY,
+    Metric("errors.last_nees_per_dof", "", "", _nees(lambda n: n.total[..., -1] / n.dof), expected=1.0, section=CONSISTENCY,
            column="nees_last"),
     Metric("errors.nees_dof", "", "", _nees(lambda n: n.dof), section=CONSISTENCY, column="dof", kind=int),
     Metric("nis_per_dof", "NIS per dof", "", lambda s: s.evaluation.nis_ratio, form=number(".3f"), expected=1.0,
@@ -535,4 +569,5 @@ METRICS: Final[tuple[Metric, ...]] = (
     Metric("runtime_s.per_frame_max", "", "s", _runtime(np.max), section=COST, column=""),
 )
 # fmt: on
+METRICS: Final = tuple(replace(each, of_many=True) for each in _METRICS)
 """Every metric of this package, in the order of rows within their groups."""

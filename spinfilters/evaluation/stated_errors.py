@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import inverse, multiply, rotation_vector_from_quaternion
+from spinfilters.core.conventions import PerRun
 from spinfilters.core.mass_distribution import inertia_matrices, inertia_matrix
 from spinfilters.evaluation.consistency import knows_state, true_states
 from spinfilters.evaluation.estimated_motion import trajectory_of
@@ -36,7 +37,7 @@ RATIOS: Final = "ratios"
 """Name of the errors of k1 and k2."""
 
 
-def stated_errors(evaluation: Evaluation) -> dict[str, float]:
+def stated_errors(evaluation: Evaluation) -> dict[str, PerRun]:
     """Largest error component of each published quantity after the last epoch, in its stated standard deviations.
 
     Parameters
@@ -46,7 +47,7 @@ def stated_errors(evaluation: Evaluation) -> dict[str, float]:
 
     Returns
     -------
-    dict[str, float]
+    dict[str, PerRun]
         By the name of a block of the state (without the mass distribution, which no file holds), and "moments", "ratios"
         and "axes"; infinite where error or deviation are not finite.
     """
@@ -90,7 +91,7 @@ def quantity_errors(evaluation: Evaluation) -> dict[str, Float[np.ndarray, " n"]
     return found | {name: np.array([error]) for name, error in body.items()}
 
 
-def _block_errors(evaluation: Evaluation) -> dict[str, float]:
+def _block_errors(evaluation: Evaluation) -> dict[str, PerRun]:
     """Errors of the state after the last epoch by block, where the truth holds every block."""
     history, layout, error = evaluation.history, evaluation.history.layout, evaluation.last_error
     if error is None:
@@ -104,27 +105,29 @@ def _block_errors(evaluation: Evaluation) -> dict[str, float]:
         if not np.isfinite(history.mean[-1]).all():
             return {"state": np.inf}
         error = layout.local(history.mean[-1], true_states(true, layout)[0])
-    std = np.linalg.norm(history.factor[-1], axis=1)
-    shares = _shares(error, std)
+    shares = _shares(error, np.linalg.norm(history.factor[..., -1, :, :], axis=-1))
     named = [block for block in layout.blocks if block != MASS_DISTRIBUTION.name]
-    return {block: shares[layout.slice(block)].max().item() for block in named}
+    return {block: shares[..., layout.slice(block)].max(axis=-1) for block in named}
 
 
-def _body_errors(evaluation: Evaluation) -> dict[str, float]:
+def _body_errors(evaluation: Evaluation) -> dict[str, PerRun]:
     """Errors of the mass properties after the last epoch."""
     errors, body = evaluation.body_errors, evaluation.body
     if errors is None:
         return {}
     pairs = {}
     if errors.principal_moments is not None and errors.k1 is not None and errors.k2 is not None:
-        pairs[MOMENTS] = errors.principal_moments[:2], body.principal_moments_std[:2]
-        pairs[RATIOS] = np.array([errors.k1, errors.k2]), np.array([body.k1_std, body.k2_std])
+        pairs[MOMENTS] = errors.principal_moments[..., :2], body.principal_moments_std[..., :2]
+        pairs[RATIOS] = (
+            np.stack([errors.k1, errors.k2], axis=-1),
+            np.stack([body.k1_std, body.k2_std], axis=-1),
+        )
     if errors.axes_angle is not None and evaluation.alignment is not Alignment.BODY_FRAME:
         variances = np.square(body.principal_axes_std)  # an axis moves by rotations about both others
-        pairs[AXES] = errors.axes_angle, np.sqrt(variances.sum() - variances)
+        pairs[AXES] = errors.axes_angle, np.sqrt(variances.sum(axis=-1, keepdims=True) - variances)
     if errors.center_of_mass_g is not None and body.center_of_mass_std is not None:
         pairs[CENTRE] = errors.center_of_mass_g, body.center_of_mass_std
-    return {name: _largest(*pair).item() for name, pair in pairs.items()}
+    return {name: _largest(*pair) for name, pair in pairs.items()}
 
 
 def _largest(error: Float[np.ndarray, "*n c"], std: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n"]:

@@ -1,6 +1,6 @@
 """Errors of estimated trajectories against the truth, in the frame of the first epoch or of the truth."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Final
 
@@ -9,9 +9,10 @@ from jaxtyping import Float, Int
 
 from spinfilters.core.absolute_orientation import mean_quaternion
 from spinfilters.core.attitude_conversions import inverse, multiply, rotate, rotation_vector_from_quaternion
+from spinfilters.core.conventions import PerRun
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import STRETCH, by_stretches
-from spinfilters.evaluation.estimated_motion import Trajectory
+from spinfilters.evaluation.estimated_motion import EstimatedMotion
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.measurement_log import normalised
 from spinfilters.io.truth import Truth, truth_in_moved_frame
@@ -41,15 +42,15 @@ class Alignment(StrEnum):
 class RmsErrors:
     """Root mean square lengths of errors: m, rad, m/s, rad/s; None without errors."""
 
-    position: float | None
-    attitude: float | None
-    velocity: float | None
-    rate: float
+    position: PerRun | None
+    attitude: PerRun | None
+    velocity: PerRun | None
+    rate: PerRun
 
 
 @dataclass(frozen=True)
 class TruthErrors:
-    """Estimate minus truth at the n common time stamps.
+    """Estimate minus truth at the n common time stamps; errors of many runs at the same stamps have an axis (r,) in front.
 
     Attributes
     ----------
@@ -69,10 +70,10 @@ class TruthErrors:
 
     time: Float[np.ndarray, " n"]
     rows: Int[np.ndarray, " n"]
-    position: Float[np.ndarray, "n 3"] | None
-    attitude: Float[np.ndarray, "n 3"]
-    velocity: Float[np.ndarray, "n 3"] | None
-    rate: Float[np.ndarray, "n 3"]
+    position: Float[np.ndarray, "*r n 3"] | None
+    attitude: Float[np.ndarray, "*r n 3"]
+    velocity: Float[np.ndarray, "*r n 3"] | None
+    rate: Float[np.ndarray, "*r n 3"]
     frame: Float[np.ndarray, "4"] | None
 
     @property
@@ -90,11 +91,18 @@ class TruthErrors:
         return TruthErrors(
             self.time[rows],
             self.rows[rows],
-            None if self.position is None else self.position[rows],
-            self.attitude[rows],
-            None if self.velocity is None else self.velocity[rows],
-            self.rate[rows],
+            None if self.position is None else self.position[..., rows, :],
+            self.attitude[..., rows, :],
+            None if self.velocity is None else self.velocity[..., rows, :],
+            self.rate[..., rows, :],
             self.frame,
+        )
+
+    def of_run(self, run: int) -> "TruthErrors":
+        """Errors of one run, of those of many."""
+        moving = {name: getattr(self, name) for name in ("position", "attitude", "velocity", "rate")}
+        return replace(
+            self, **{name: None if error is None else error[run] for name, error in moving.items()}
         )
 
     @property
@@ -110,13 +118,13 @@ class TruthErrors:
 
 @dataclass(frozen=True)
 class BodyErrors:
-    """Estimated minus true mass properties; None where the truth does not give them.
+    """Estimated minus true mass properties, of many runs with an axis (r,) in front; None where the truth does not give them.
 
     Attributes
     ----------
     principal_moments : (3,) float array or None
         Errors of the moments, ascending, largest = 1 in both.
-    k1, k2 : float or None
+    k1, k2 : PerRun or None
         Errors of the log ratios of the moments.
     axes_angle : (3,) float array or None
         Angle in rad between each estimated and true principal axis, whatever their signs.
@@ -124,11 +132,16 @@ class BodyErrors:
         Error of the centre of mass, m; None also when the frames g differ.
     """
 
-    principal_moments: Float[np.ndarray, "3"] | None
-    k1: float | None
-    k2: float | None
-    axes_angle: Float[np.ndarray, "3"] | None
-    center_of_mass_g: Float[np.ndarray, "3"] | None
+    principal_moments: Float[np.ndarray, "*r 3"] | None
+    k1: PerRun | None
+    k2: PerRun | None
+    axes_angle: Float[np.ndarray, "*r 3"] | None
+    center_of_mass_g: Float[np.ndarray, "*r 3"] | None
+
+    def of_run(self, run: int) -> "BodyErrors":
+        """Errors of one run, of those of many."""
+        found = {each.name: getattr(self, each.name) for each in fields(self)}
+        return BodyErrors(**{name: None if error is None else error[run] for name, error in found.items()})
 
 
 def rows_within(time: Float[np.ndarray, " n"], begin: float, end: float) -> slice:
@@ -137,7 +150,7 @@ def rows_within(time: Float[np.ndarray, " n"], begin: float, end: float) -> slic
 
 
 def truth_errors(
-    trajectory: Trajectory,
+    trajectory: EstimatedMotion,
     truth: Truth,
     alignment: Alignment = Alignment.NONE,
     turn: Float[np.ndarray, "4"] | None = None,
@@ -185,7 +198,7 @@ def truth_errors(
 
 
 def _finite_stamps(
-    trajectory: Trajectory, truth: Truth
+    trajectory: EstimatedMotion, truth: Truth
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     rows, true_rows = common_stamps(trajectory.time, truth.time)
     finite = trajectory.is_finite[rows]
@@ -252,12 +265,14 @@ def common_stamps(
     return rows, nearest[rows]
 
 
-def root_mean_square(error: Float[np.ndarray, "n 3"]) -> float:
-    """Root mean square length of vectors."""
-    return float(np.sqrt(np.mean(np.square(error).sum(axis=1))))
+def root_mean_square(error: Float[np.ndarray, "*r n 3"]) -> PerRun:
+    """Root mean square length of vectors, over the last axis but one."""
+    return np.sqrt(np.mean(np.square(error).sum(axis=-1), axis=-1))
 
 
-def _axes_angle(body: BodyEstimate, truth: Truth, frame: np.ndarray | None) -> Float[np.ndarray, "3"] | None:
+def _axes_angle(
+    body: BodyEstimate, truth: Truth, frame: np.ndarray | None
+) -> Float[np.ndarray, "*r 3"] | None:
     if truth.principal_axes_g is None or truth.principal_moments is None:
         return None
     axes = truth.principal_axes_g[np.argsort(truth.principal_moments)]
@@ -266,8 +281,8 @@ def _axes_angle(body: BodyEstimate, truth: Truth, frame: np.ndarray | None) -> F
         return None
     if frame is not None:
         estimated = rotate(frame, estimated)
-    sine = np.linalg.norm(np.cross(estimated, axes), axis=1)
-    return np.arctan2(sine, np.abs(np.einsum("ki,ki->k", estimated, axes)))
+    sine = np.linalg.norm(np.cross(estimated, axes), axis=-1)
+    return np.arctan2(sine, np.abs(np.einsum("...ki,ki->...k", estimated, axes)))
 
 
 def _span(time: np.ndarray) -> str:

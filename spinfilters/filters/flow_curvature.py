@@ -267,7 +267,7 @@ def bends_of_runs(
     try:
         of = np.concatenate([both, runs])
         ends, transition = process.steps(around, duration[of], of), process.transitions(mean, duration)
-        away = layout.local(ends[2 * count :][both], ends[: 2 * count])
+        away = layout.local_pairs(ends[2 * count :][both], ends[: 2 * count])
         c = away[:count] + away[count:]
         bends[run, direction] = c / length[:, np.newaxis] ** 2
         return np.swapaxes(np.linalg.solve(transition, np.swapaxes(bends, 1, 2)), 1, 2)

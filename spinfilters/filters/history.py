@@ -28,7 +28,9 @@ EPOCH_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *C
 
 @dataclass(frozen=True)
 class EstimateHistory:
-    """Beliefs after every epoch, and what each epoch cost.
+    """Beliefs after every epoch, and what each epoch cost; of many runs of the same epochs with an axis (r,) of runs in front.
+
+    Time, runtime and observations of many runs are common to all; metrics and `of_run` read such a history, nothing else does.
 
     Attributes
     ----------
@@ -75,13 +77,13 @@ class EstimateHistory:
     name: str
     layout: StateLayout
     time: Float[np.ndarray, " n"]
-    mean: Float[np.ndarray, "n m"]
-    factor: Float[np.ndarray, "n e e"]
-    nis: Float[np.ndarray, " n"]
-    dof: Int[np.ndarray, " n"]
-    log_likelihood: Float[np.ndarray, " n"]
-    accepted: Int[np.ndarray, " n"]
-    rejected: Int[np.ndarray, " n"]
+    mean: Float[np.ndarray, "*r n m"]
+    factor: Float[np.ndarray, "*r n e e"]
+    nis: Float[np.ndarray, "*r n"]
+    dof: Int[np.ndarray, "*r n"]
+    log_likelihood: Float[np.ndarray, "*r n"]
+    accepted: Int[np.ndarray, "*r n"]
+    rejected: Int[np.ndarray, "*r n"]
     runtime: Float[np.ndarray, " n"]
     status: EstimatorStatus
     initialisation: int = 0
@@ -116,6 +118,11 @@ class EstimateHistory:
         thinned = {name: getattr(self, name)[rows] for name in EPOCH_ARRAYS}
         thinned["calibration"] = None if self.calibration is None else self.calibration[rows]
         return replace(self, initialisation=initialisation, observations=observed, **thinned)
+
+    def of_run(self, run: int) -> "EstimateHistory":
+        """One run of a history of many."""
+        own = (name for name in EPOCH_ARRAYS if name not in ("time", "runtime"))
+        return replace(self, **{name: getattr(self, name)[run] for name in own})
 
     def belief(self, index: int) -> Gaussian:
         """Belief after the epoch of this index."""

@@ -40,12 +40,16 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def read_yaml_rows(path: Path) -> Any:
-    """The document of a YAML file of at most 16 MiB as JSON has it: dates and all keys are texts. InputError: as `read_yaml`."""
+    """The document of a YAML file of at most 16 MiB as JSON has it, or a list of several: dates and all keys are texts.
+
+    InputError: as `read_yaml`.
+    """
     try:
         text = read_bytes(path, LARGEST_ROWS).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text") from None
-    document = _parsed(path, text, _MOST_NODES_OF_ROWS)
+    documents = _parsed_all(path, text, _MOST_NODES_OF_ROWS)
+    document = documents[0] if len(documents) == 1 else documents
     try:
         return json.loads(json.dumps(document, default=str))
     except (TypeError, ValueError, RecursionError) as error:  # a key that is a list
@@ -55,12 +59,22 @@ def read_yaml_rows(path: Path) -> Any:
 
 
 def _parsed(path: Path, text: str, most_nodes: int) -> Any:
-    """Document of a text in YAML of at most so many values. InputError: see `read_yaml`."""
+    """The one document of a text in YAML of at most so many values. InputError: see `read_yaml`; several documents."""
+    documents = _parsed_all(path, text, most_nodes)
+    if len(documents) > 1:
+        raise InputError(
+            f"{path_text(path)}: holds {len(documents)} documents, expected one; leave out the others"
+        )
+    return documents[0] if documents else None
+
+
+def _parsed_all(path: Path, text: str, most_nodes: int) -> list[Any]:
+    """Documents of a text in YAML of at most so many values, without empty ones. InputError: see `read_yaml`."""
     import yaml  # here alone: few recordings have a camera's file
 
     try:
         _refuse_growth(path, text, most_nodes)
-        return yaml.safe_load(text)
+        return [each for each in yaml.safe_load_all(text) if each is not None]
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         problem = reason(ValueError(error.problem))

@@ -7,6 +7,7 @@ In DataFlash a message FMT gives a type its number, its length, its name, the ty
 every message begins with two fixed bytes and the number, in the text every line with the name.
 """
 
+import os
 import re
 import struct
 from collections.abc import Iterator
@@ -69,6 +70,26 @@ def read_px4_log(path: Path, options: ReadingOptions) -> Dataset:
     columns = _topic_columns(path, formats, topics[chosen], rows[chosen])
     bare: Quantity = "rate"
     return motion_dataset(path, path.name, motion_of(columns, options, bare))
+
+
+_ULOG_TABLE: Final = re.compile(r"(.*)_(" + "|".join(TOPICS) + r")_0\.csv")
+
+
+def table_of_topic(folder: Path) -> Path | None:
+    """The table of the first topic that describes a motion, of those that ulog2csv writes beside it for one log; None of others."""
+    found = {
+        matched[2]: matched[1] for each in os.listdir(folder) if (matched := _ULOG_TABLE.fullmatch(each))
+    }
+    logs = {_log_of(each) for each in os.listdir(folder) if each.endswith(".csv")}
+    topic = next((name for name in TOPICS if name in found), None)
+    if topic is None or not all(log.startswith(found[topic]) for log in logs):
+        return None
+    return folder / f"{found[topic]}_{topic}_0.csv"
+
+
+def _log_of(table: str) -> str:
+    """Name of a table without the number of the instance of its topic."""
+    return table.rpartition("_")[0]
 
 
 def _messages(path: Path, data: bytes) -> tuple[dict[str, str], dict[int, str], dict[int, list[bytes]]]:

@@ -49,6 +49,8 @@ _UNIT: Final = re.compile(
     r"\s*\(?((?:m?rad(?:ians?)?|m?deg(?:rees?)?|°)/s(?:ec(?:ond)?)?|m?dps|m/s\^?2|m/s/s|[mun]?s|m?g)\)?(?![A-Za-z:=])"
 )
 """Of the number in front of it."""
+_MOTION_UNIT: Final = re.compile(r"(?:m?rad|m?deg|°).*/s.*|m?dps|m/s\^?2|m/s/s")
+"""Of a rate or an acceleration: it shows that a word and three numbers in front of it are measured: gyro 0.1 0.2 0.3 rad/s."""
 _LABEL: Final = re.compile(
     r"""["']?([A-Za-z_](?:[\w./-]| (?=[A-Za-z_]))*(?:\[\d\])?)["']?\s*(?:\(([^()]{1,9})\)\s*)?([:=]?)\s*$"""
 )
@@ -158,9 +160,22 @@ def _lines(path: Path) -> list[_Line]:
     """All lines with labels. InputError: no UTF-8."""
     try:
         with open(path, encoding="utf-8-sig") as stream:
-            return [found for k, text in enumerate(stream, start=1) if (found := _line(k, text)) is not None]
+            return [
+                found
+                for k, text in enumerate(stream, start=1)
+                if (found := _line(k, text) or _date_alone(k, text)) is not None
+            ]
     except UnicodeDecodeError:
         raise InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text") from None
+
+
+def _date_alone(number: int, text: str) -> _Line | None:
+    """The date with which a line without measurements begins, the clock of those below it; None without one."""
+    found = _DATE.search(text)
+    if found is None or text[: found.start()].strip(" [(<"):
+        return None
+    time = seconds_of_clock(found[0])
+    return None if time is None else _Line(number, ("time (s)",), (time,))
 
 
 class _Reading:
@@ -254,7 +269,8 @@ def _line(number: int, text: str) -> _Line | None:
             return None
     labels = _called(reading)
     is_time = 0 < len(labels) <= 2 and time is None and _has_clock(labels)
-    if not reading.own or (sum(bool(label) for label in labels) < _FEWEST and not is_time):
+    is_vector = all(labels) and any(map(_MOTION_UNIT.fullmatch, reading.units))
+    if not (reading.own or is_vector) or (sum(bool(label) for label in labels) < _FEWEST and not is_time):
         return None
     if time is not None:
         return _Line(number, ("time (s)", *labels), (time, *numbers), message)

@@ -102,6 +102,10 @@ _CALENDAR: Final = ("year", "month", "day")
 _PX4_QUATERNION: Final = ("q[0]", "q[1]", "q[2]", "q[3]")
 """Scalar first where it stands with the attitude's reset counter or the sample's time stamp."""
 
+_ORDERED: Final = re.compile(r"(.*?)[_. ]?(wxyz|xyzw)[\[_.(]?([0-3])[\])]?")
+"""A component of a quaternion whose name spells the order of its components: quat_wxyz[0]."""
+_ENVELOPE: Final = ("log_time", "publish_time")
+"""Times that MCAP keeps beside each message."""
 _PART: Final = re.compile(r"['\"]([^'\"]*)['\"]")
 _TUPLE: Final = re.compile(rf"\({_PART.pattern}(?:, ?{_PART.pattern})*,?\)")
 """A name of several levels as Python prints it: ('gyro', 'x')."""
@@ -119,6 +123,10 @@ def understood_names(names: Sequence[str]) -> list[str]:
         names = [name[len(common) :].lstrip("/").replace("/", ".") for name in names]
     elif names and all(map(_TUPLE.fullmatch, names)):
         names = ["_".join(filter(None, _PART.findall(name))) for name in names]
+    if set(_ENVELOPE) <= set(names):  # the stamp within a message is that of the measurement
+        own = any(".stamp." in name for name in names)
+        left_out = _ENVELOPE if own else _ENVELOPE[:1]
+        names = ["" if name in left_out else re.sub(r"^(?:data|message|msg)\.", "", name) for name in names]
     names = [_plainly_spelled(name) for name in _of_gopro(names)]
     found = [_MRP_PLACES.get(each, each) for each in map(_without_frames, names)]
     bare = {_plain(name): k for k, name in enumerate(found)}
@@ -203,6 +211,8 @@ def _plainly_spelled(name: str) -> str:
         plain = unicodedata.normalize("NFKC", plain).removesuffix("(t)")
     elif any(digit in plain for digit in "₁₂₃"):
         plain = unicodedata.normalize("NFKC", plain)
+    if (ordered := _ORDERED.fullmatch(plain.strip())) is not None:
+        return f"{ordered[1] or 'q'}_{ordered[2][int(ordered[3])]}"
     numbered = _RATES_FROM_ONE.fullmatch(plain.strip())
     return f"{numbered[1]}_{numbered[2]}{numbered[3] or ''}" if numbered is not None else plain
 

@@ -15,7 +15,14 @@ from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.input_file import first_text, parse_number, path_text, read_settings_text, value_text
+from spinfilters.io.input_file import (
+    first_text,
+    parse_number,
+    path_text,
+    printable,
+    read_settings_text,
+    value_text,
+)
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import MotionTable, rotations_of
@@ -28,7 +35,9 @@ _KITTI_RATES: Final = slice(17, 20)
 """Of the numbers of a KITTI file: about the forward, left and up axes of the unit, rad/s; 11 to 13 are the accelerations."""
 _KITTI_NUMBERS: Final = 30
 _MOST_FILES: Final = 1_000_000
-_TIME_42, _RATES_42, _ATTITUDES_42 = "time.42", "wbn.42", "qbn.42"  # rad/s, scalar last
+_TIME_42 = "time.42"
+_RATES_42, _ATTITUDES_42 = ("wbn.42", "wbn00.42"), ("qbn.42", "qbn00.42")
+"""Of the only spacecraft, and of the first of several; rad/s, and scalar last."""
 
 
 def read_kitti_folder(path: Path, options: ReadingOptions) -> Dataset:
@@ -81,8 +90,16 @@ def _oxts_rates(file: Path) -> list[float]:
 def read_simulator_42(path: Path, options: ReadingOptions) -> Dataset:
     """Rates (rad/s) that the simulator 42 wrote, else attitudes."""
     options.require_only((), "a folder of the simulator 42")
-    is_rates = os.path.isfile(path / _RATES_42)
-    file, names = (_RATES_42, ("wx", "wy", "wz")) if is_rates else (_ATTITUDES_42, ("qx", "qy", "qz", "qw"))
+    is_reference = any(os.path.isfile(path / name) for name in (_RATES_42[0], _ATTITUDES_42[0]))
+    others = sorted(each.name for each in path.glob("[wq]bn0[1-9].42"))
+    if others and not is_reference:
+        raise InputError(
+            f"{path_text(path)}: holds several spacecraft, such as {printable(others[0])}; copy time.42 and the files of one "
+            "into a folder, as wbn.42 and qbn.42"
+        )
+    file = next(name for name in (*_RATES_42, *_ATTITUDES_42) if os.path.isfile(path / name))
+    is_rates = file in _RATES_42
+    names = ("wx", "wy", "wz") if is_rates else ("qx", "qy", "qz", "qw")
     time = read_blank_separated(path / _TIME_42, ("time_s",)).values
     values = read_blank_separated(path / file, names).values
     if len(time) != len(values):

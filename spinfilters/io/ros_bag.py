@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and 2 and MCAP files: sensor_msgs/Imu and poses with a stamp; needs the extra ``ros``."""
+"""Bags of ROS 1 and 2 and MCAP files: rates, poses and transforms with a stamp; needs the extra ``ros``."""
 
 import os
 import struct
@@ -97,6 +97,10 @@ def _vector(vector: Any) -> list[float]:
 
 _RATES: Final = ("Imu", "TwistStamped", "Vector3Stamped", "TwistWithCovarianceStamped")
 """Ends of the types that are body rates; of the others poses are read."""
+_TWISTS: Final = ("TwistStamped", "TwistWithCovarianceStamped")
+"""Ends of the types that a tracker derives from the poses beside them."""
+_TRANSFORMS: Final = "tf2_msgs/msg/TFMessage"
+"""Type of messages of many transforms; each frame is a source of its own."""
 _MESSAGES: Final[dict[str, Callable[[Any], list[float]]]] = {
     "sensor_msgs/msg/Imu": _imu,
     "geometry_msgs/msg/PoseStamped": lambda message: _pose(message.pose),
@@ -141,21 +145,59 @@ def _rows(path: Path, bag: Any, connection: Any) -> list[list[float]]:
     for found, stamp, raw in bag.messages([connection]):
         message = bag.deserialize(raw, found.msgtype)
         rows.append([_stamp(message, stamp), *_MESSAGES[connection.msgtype](message)])
-        if len(rows) > MAX_TABLE_ROWS:
-            raise InputError(f"{path_text(path)}: has more than {MAX_TABLE_ROWS} messages; cut it")
+        _require_readable(path, len(rows))
     return rows
+
+
+def _require_readable(path: Path, count: int) -> None:
+    """InputError: more messages than are read."""
+    if count > MAX_TABLE_ROWS:
+        raise InputError(f"{path_text(path)}: has more than {MAX_TABLE_ROWS} messages; cut it")
+
+
+def _moving_frames(path: Path, bag: Any) -> dict[str, list[list[float]]]:
+    """Stamp (s) and pose in its parent of every frame that moves, of all messages of transforms. InputError: too many."""
+    connections = [each for each in bag.connections if each.msgtype == _TRANSFORMS]
+    rows: dict[str, list[list[float]]] = {}
+    count = 0
+    for found, stamp, raw in bag.messages(connections) if connections else ():
+        for each in bag.deserialize(raw, found.msgtype).transforms:
+            rows.setdefault(each.child_frame_id, []).append(
+                [_stamp(each, stamp), *_transform(each.transform)]
+            )
+            count += 1
+        _require_readable(path, count)
+    return {frame: held for frame, held in rows.items() if any(row[1:] != held[0][1:] for row in held)}
+
+
+def _of_frame(path: Path, bag: Any, topic: str | None) -> tuple[str, list[list[float]]] | None:
+    """Name and rows of the one frame that moves, or of that which the user names; None without any. InputError: several."""
+    frames = _moving_frames(path, bag)
+    if topic in frames:
+        return topic, frames[topic]
+    if len(frames) > 1:
+        listed = ", ".join(sorted(map(printable, frames))[:6])
+        raise InputError(
+            f"{path_text(path)}: has transforms of several frames that move; give --topic, one of {listed}"
+        )
+    is_any = topic is None or topic in {each.topic for each in bag.connections if each.msgtype == _TRANSFORMS}
+    return next(iter(frames.items()), None) if is_any else None
 
 
 def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray, "n m"]]:
     """Topic, type, and rows of stamp (s) and numbers. InputError: unreadable."""
     with _open_bag(path) as bag:
-        connection = _connection(path, bag.connections, topic)
-        rows = _rows(path, bag, connection)
+        known = [each for each in bag.connections if each.msgtype in _MESSAGES]
+        is_other = not known if topic is None else topic not in {each.topic for each in known}
+        frame = _of_frame(path, bag, topic) if is_other else None
+        if frame is None:
+            connection = _connection(path, bag.connections, topic)
+            name, kind, rows = connection.topic, connection.msgtype, _rows(path, bag, connection)
+        else:
+            (name, rows), kind = frame, _TRANSFORMS
     if len(rows) < 2:
-        raise InputError(
-            f"{path_text(path)}: topic {printable(connection.topic)} has {len(rows)} messages; record more"
-        )
-    return connection.topic, connection.msgtype, np.array(rows)
+        raise InputError(f"{path_text(path)}: topic {printable(name)} has {len(rows)} messages; record more")
+    return name, kind, np.array(rows)
 
 
 class BagMessage(NamedTuple):
@@ -222,8 +264,13 @@ def _connection(path: Path, connections: list[Any], topic: str | None) -> Any:
     known = [each for each in connections if each.msgtype in _MESSAGES]
     listed = ", ".join(sorted({printable(each.topic) for each in known})[:6])
     chosen = known if topic is None else [each for each in known if each.topic == topic]
+    if topic is None:
+        tracked = {_parent(each.topic) for each in known if not each.msgtype.endswith(_RATES)}
+        chosen = [
+            each for each in known if not (each.msgtype.endswith(_TWISTS) and _parent(each.topic) in tracked)
+        ]
     if not known:
-        read = ", ".join(sorted(name.rsplit("/", 1)[-1] for name in _MESSAGES))
+        read = ", ".join(sorted(name.rsplit("/", 1)[-1] for name in (*_MESSAGES, _TRANSFORMS)))
         types = ", ".join(sorted({each.msgtype.rsplit("/", 1)[-1] for each in connections})[:6]) or "nothing"
         raise InputError(f"{path_text(path)}: holds {printable(types)}; only {read} are read; record one")
     if not chosen:
@@ -235,6 +282,11 @@ def _connection(path: Path, connections: list[Any], topic: str | None) -> Any:
             f"{path_text(path)}: has several topics that are read; give --topic, one of {listed}"
         )
     return chosen[0]
+
+
+def _parent(topic: str) -> str:
+    """Path of a topic without its last word, as /vrpn/target of /vrpn/target/pose."""
+    return topic.rpartition("/")[0]
 
 
 def _stamp(message: Any, recorded: int) -> float:

@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
+from spinfilters.io.headings import parts_of
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     parse_number,
@@ -78,6 +79,8 @@ class TableLayout:
         Marks of comment lines. Without any the table is strict, as our own formats are: no quotes and no empty cells.
     rate : float | None
         Samples a second, Hz, as the lines above the header say; None where they do not.
+    cell_units : tuple[str, ...]
+        Unit behind the number in each cell of a column, empty of columns without one; no units at all in most tables.
     """
 
     names: tuple[str, ...]
@@ -87,6 +90,7 @@ class TableLayout:
     decimal_comma: bool = False
     comments: tuple[str, ...] = ()
     rate: float | None = None
+    cell_units: tuple[str, ...] = ()
 
     @property
     def comment(self) -> str | None:
@@ -128,6 +132,11 @@ class TableLayout:
             cells = _WIDE_BLANKS.split(text.strip())  # cells with blanks in them, such as dates
         if self.comments and cells[-1:] == [""] and len(cells) == len(self.names) + 1:
             cells.pop()
+        if self.cell_units and len(cells) == len(self.cell_units):
+            cells = [
+                cell.removesuffix(f" {unit}").rstrip() if unit else cell
+                for cell, unit in zip(cells, self.cell_units, strict=True)
+            ]
         return cells
 
 
@@ -164,6 +173,7 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     require_text_table(path, encoding)
     layout = _found_layout(path, stated, encoding)
     layout = replace(layout, names=_with_unit_of_counts(path, layout), rate=_stated_rate(path, layout))
+    layout = _with_cell_units(path, layout)
     return layout if stated else replace(layout, names=_with_title(path, layout))
 
 
@@ -184,6 +194,32 @@ def _with_unit_of_counts(path: Path, layout: TableLayout) -> tuple[str, ...]:
                     scales.append(float(matched[1]))
     is_degrees = bool(scales) and all(abs(1e6 * scale * 180 / math.pi - 1) < 1e-4 for scale in scales)
     return tuple(f"{name} (deg/s)" if is_degrees and name in _COUNTS else name for name in layout.names)
+
+
+_WITH_UNIT: Final = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?\s+([A-Za-z°/^²0-9]+)")
+"""A number with its unit in one cell, as Grafana writes it."""
+
+
+def _with_cell_units(path: Path, layout: TableLayout) -> TableLayout:
+    """Layout with the units that stand behind the numbers in the cells of the first row, which then are those of the columns.
+
+    InputError: a column whose name states another unit.
+    """
+    first = next((text for _, text in data_lines(path, layout)), "")
+    matched = [_WITH_UNIT.fullmatch(cell) for cell in layout.cells(first)]
+    units = [each[1] if each is not None and _MAY_BE_UNIT.search(each[1]) else "" for each in matched]
+    units = [unit if _UNITS.fullmatch(unit) else "" for unit in units]
+    if not any(units) or len(units) != len(layout.names):
+        return layout
+    stated = [parts_of(name)[1] for name in layout.names]
+    for name, own, unit in zip(layout.names, stated, units, strict=True):
+        if own and unit and own != unit.lower():
+            raise InputError(
+                f"{path_text(path)}: column {value_text(name)} holds numbers in {unit}; correct its name or its cells"
+            )
+    pairs = zip(layout.names, stated, units, strict=True)
+    names = tuple(f"{name} ({unit})" if unit and not own else name for name, own, unit in pairs)
+    return replace(layout, names=names, cell_units=tuple(units))
 
 
 _TITLE: Final = re.compile(r"gyro\w*|angular (?:velocity|rate)|rotation rate|body rates?", re.IGNORECASE)
@@ -252,6 +288,8 @@ def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayo
             held.append(_NumberedLine(number, line))
         elif not any(_is_numbers(each) for _, each in held):
             marked = (number, raw.strip().lstrip("#").strip())
+    if not stated and (labelled := _labelled_header(held)) is not None:
+        return replace(labelled, encoding=encoding, comments=COMMENTS)
     if stated:
         number, line = next((each for each in held if _has_stated(each[1], stated)), (0, ""))
         if not number:
@@ -287,6 +325,52 @@ def _found_layout(path: Path, stated: Sequence[str], encoding: str) -> TableLayo
         with suppress(InputError):
             return _stated_layout(path, tuple(proved), number, line, encoding)
     raise _no_header(path, *held[first], how_to_name(rows))
+
+
+_ROWS_BELOW: Final = re.compile(r"trace_?values", re.IGNORECASE)
+_WHAT_IS_NAMED: Final = re.compile(r"trace_?(name|unit)s?", re.IGNORECASE)
+"""Labels in front of the lines of a table of dSPACE's ControlDesk."""
+
+
+def _labelled_header(held: Sequence[_NumberedLine]) -> TableLayout | None:
+    """Header of a table in which a label in the first column says what each line holds: names, units, values; None of another."""
+    lines = [(number, _split(line, max(_DELIMITERS, key=line.count)) or [""], line) for number, line in held]
+    place = next((k for k, (_, cells, _) in enumerate(lines) if _ROWS_BELOW.fullmatch(cells[0])), None)
+    if place is None:
+        return None
+    labelled = {
+        matched[1].lower(): cells
+        for _, cells, _ in lines[:place]
+        if (matched := _WHAT_IS_NAMED.fullmatch(cells[0])) is not None
+    }
+    names, units = labelled.get("name", []), labelled.get("unit", [])
+    number, cells, line = lines[place]
+    if len(names) < 3:
+        return None
+    row = (
+        line if any(map(_is_numbers, cells[1:])) else (lines[place + 1][2] if place + 1 < len(lines) else "")
+    )
+    delimiter = max(_DELIMITERS, key=row.count)
+    units = [*units, *[""] * len(names)][: len(names)]
+    called = ["", *_of_traces(names[1:], units[1:])]
+    return TableLayout(
+        tuple(
+            f"{name} ({unit})" if name and unit else name for name, unit in zip(called, units, strict=True)
+        ),
+        header_line=number - (row is line),
+        delimiter=delimiter,
+        decimal_comma=_has_decimal_comma(delimiter, row),
+    )
+
+
+def _of_traces(paths: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Names of traces without the path that leads to each: what stands in braces, or else the last word; time where it is in s."""
+    for pattern in (r".*\{([^{}]+)\}$", r".*[/\\]([^/\\{}]+)(?:\{[^{}]*\})?$"):
+        names = [re.sub(pattern, r"\1", path) for path in paths]
+        if len(set(names)) == len(names):
+            break
+    is_clock = units[0] == "s" and units.count("s") == 1
+    return ["time" if is_clock else names[0], *names[1:]]
 
 
 def own_layout(path: Path) -> TableLayout:
@@ -402,7 +486,7 @@ def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | Non
         return None
     units = [""] * width
     if len(rows) > 1 and _are_units(rows[-1]):
-        units = [_bare_unit(cell) for cell in rows.pop()]
+        units = ["" if cell.lower().rstrip("s:") == "unit" else _bare_unit(cell) for cell in rows.pop()]
     for noted in [each for each in rows[1:] if any(_NOTE.match(cell) for cell in each)]:
         rows.remove(noted)
         if any(cell.startswith("Unit:") for cell in noted):

@@ -10,7 +10,7 @@ quantity departs by within four deviations of the belief (`widest_departures`) w
 agree within their uncertainty, the estimated gap is biased outwards.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
 from typing import Final
 
@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.compiled import Compiled
+from spinfilters.core.conventions import PerRun
 from spinfilters.core.linear_algebra import by_stretches, with_largest_positive
 from spinfilters.core.mass_distribution import inertia, inertia_matrices
 from spinfilters.models.body_spread import axis_turns, body_spread, widest_departures
@@ -39,7 +40,7 @@ _SMALLEST_GAP = 1e-12  # of moments, relative to the largest: below it rounding 
 
 @dataclass(frozen=True)
 class BodyEstimate:
-    """Body properties of one belief.
+    """Body properties of one belief, or of the beliefs of many runs: every array then has an axis (r,) in front.
 
     Attributes
     ----------
@@ -52,39 +53,44 @@ class BodyEstimate:
     principal_axes_cov : Float[np.ndarray, '3 3']
         (3, 3) rad^2 of the small rotation of these axes about themselves; the standard deviation of an axis that
         is not determined (equal moments) is `UNDETERMINED_STD`.
-    k1, k2 : float
+    k1, k2, k1_std, k2_std : PerRun
         ln(Jmax / Jmid), ln(Jmid / Jmin) (Tweddle 2013, Eqs 4.97-4.98, x major, z minor).
     center_of_mass_g, center_of_mass_std : Float[np.ndarray, '3'] | None
         (3,) m, None where the state has none.
-    drag, drag_std : float | None
+    drag, drag_std : PerRun | None
         1/rad, None where the state has none.
     principal_moments_interval : Float[np.ndarray, '3 2'] | None
         Central 95 % of the moments' posterior where that was sampled (`MassSamples`), None elsewhere.
     """
 
-    principal_moments: Float[np.ndarray, "3"]
-    principal_moments_cov: Float[np.ndarray, "3 3"]
-    principal_axes_g: Float[np.ndarray, "3 3"]
-    principal_axes_cov: Float[np.ndarray, "3 3"]
-    k1: float
-    k2: float
-    k1_std: float
-    k2_std: float
-    center_of_mass_g: Float[np.ndarray, "3"] | None
-    center_of_mass_std: Float[np.ndarray, "3"] | None
-    drag: float | None
-    drag_std: float | None
+    principal_moments: Float[np.ndarray, "*r 3"]
+    principal_moments_cov: Float[np.ndarray, "*r 3 3"]
+    principal_axes_g: Float[np.ndarray, "*r 3 3"]
+    principal_axes_cov: Float[np.ndarray, "*r 3 3"]
+    k1: PerRun
+    k2: PerRun
+    k1_std: PerRun
+    k2_std: PerRun
+    center_of_mass_g: Float[np.ndarray, "*r 3"] | None
+    center_of_mass_std: Float[np.ndarray, "*r 3"] | None
+    drag: PerRun | None
+    drag_std: PerRun | None
     principal_moments_interval: Float[np.ndarray, "3 2"] | None = None
 
     @property
-    def principal_moments_std(self) -> Float[np.ndarray, "3"]:
+    def principal_moments_std(self) -> Float[np.ndarray, "*r 3"]:
         """Standard deviations of the moments; the last is zero by the choice of scale."""
-        return np.sqrt(np.diag(self.principal_moments_cov))
+        return np.sqrt(np.diagonal(self.principal_moments_cov, axis1=-2, axis2=-1))
 
     @property
-    def principal_axes_std(self) -> Float[np.ndarray, "3"]:
+    def principal_axes_std(self) -> Float[np.ndarray, "*r 3"]:
         """Standard deviations in rad of the rotation about each principal axis."""
-        return np.sqrt(np.diag(self.principal_axes_cov))
+        return np.sqrt(np.diagonal(self.principal_axes_cov, axis1=-2, axis2=-1))
+
+    def of_run(self, run: int) -> "BodyEstimate":
+        """The body of one run, of those of many."""
+        held = {each.name: getattr(self, each.name) for each in fields(self)}
+        return replace(self, **{name: value[run] for name, value in held.items() if value is not None})
 
 
 @dataclass(frozen=True)
@@ -110,6 +116,24 @@ class BodyHistory:
     def principal_moments_std(self) -> Float[np.ndarray, "n 3"]:
         """Standard deviations of the moments."""
         return np.sqrt(np.einsum("nii->ni", self.principal_moments_cov))
+
+    @property
+    def together(self) -> BodyEstimate:
+        """The bodies as those of many runs, of which each has left one epoch."""
+        return BodyEstimate(
+            self.principal_moments,
+            self.principal_moments_cov,
+            self.principal_axes_g,
+            self.principal_axes_cov,
+            self.log_ratios[:, 0],
+            self.log_ratios[:, 1],
+            self.log_ratios_std[:, 0],
+            self.log_ratios_std[:, 1],
+            self.center_of_mass_g,
+            self.center_of_mass_std,
+            self.drag,
+            self.drag_std,
+        )
 
     def at(self, index: int) -> BodyEstimate:
         """The body after the epoch of this index."""

@@ -129,10 +129,10 @@ def axis_turns(
 @cache
 @building()
 def _moved_inertia() -> Compiled:
-    """J (9 x 1) at s [+] d, interpreted because it is evaluated a few times in a run."""
+    """J (9 x 1) at s [+] d."""
     s, d = ca.SX.sym("s", DIMENSION), ca.SX.sym("d", DIMENSION)
     moved = ca.vec(inertia(retract_mass(s, d)))
-    return Compiled.interpreted(ca.Function("moved_inertia", [s, d], [moved], ["s", "d"], ["J"]))
+    return Compiled.late(ca.Function("moved_inertia", [s, d], [moved], ["s", "d"], ["J"]))
 
 
 REACH: Final[float] = 4.0

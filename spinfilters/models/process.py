@@ -559,7 +559,7 @@ class DisturbedSteps:
         """A part of each path, with the substeps that it needs by itself."""
         intervals, each = impulses.shape[1:3]
         made = np.empty((len(x), intervals, x.shape[1]))
-        counts = np.array([self._integrator.first_count(point, h) for point in x])
+        counts = self._integrator.counts_at(self._integrator.speeds(x), np.full(len(x), h))
         left = np.arange(len(x))
         while left.size:
             coarse = []
@@ -572,11 +572,8 @@ class DisturbedSteps:
                     columns = np.swapaxes(impulses[rows].reshape(len(rows), intervals * each, -1), 1, 2)
                     after, error = steps(x[rows], h, columns)
                     made[rows] = np.swapaxes(after, 1, 2)
-                coarse += [
-                    row
-                    for row, worst in zip(rows, error, strict=True)
-                    if not self._integrator.good(worst, count)
-                ]
+                good = self._integrator.are_good(error.reshape(len(rows), -1), count)
+                coarse += rows[~good].tolist()
             left = np.array(coarse, dtype=np.int64)
             counts[left] *= 2
         return made

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.attitude_expressions import (
     Expression,
@@ -470,21 +470,24 @@ class RotationIntegrator:
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after dt > 0 seconds."""
         count = self.first_count(x, dt)
-        together = x.ndim == 2 and len(x) >= FEWEST_TOGETHER and self._scan.is_c
+        together = self._are_stepped_together(x)
         while True:
             after, error = self._steps_together(x, dt, count) if together else self._stepper(count)(x, dt)
             if self.good(error, count):
                 return after
             count *= 2
 
+    def _are_stepped_together(self, x: np.ndarray) -> bool:
+        return x.ndim == 2 and len(x) >= FEWEST_TOGETHER and self._scan.is_c
+
     def _steps_together(
-        self, x: Float[np.ndarray, "k m"], dt: float, count: int
+        self, x: Float[np.ndarray, "k m"], dt: float | Float[np.ndarray, " k"], count: int
     ) -> tuple[Float[np.ndarray, "k m"], Float[np.ndarray, "k e"]]:
-        """Points after dt and the estimates of their errors, by vector instructions."""
+        """Points after dt, one or each its own, and the estimates of their errors, by vector instructions."""
         (constants,) = self._step_constants(x)
-        all_of_it, fine_step, coarse_step = (np.array([[each]]) for each in (dt, dt / count, 2 * dt / count))
-        after, fine = self._scan(x, constants, all_of_it, fine_step, each=np.zeros((count, 1)))
-        _, coarse = self._scan(x, constants, all_of_it, coarse_step, each=np.zeros((count // 2, 1)))
+        whole = np.reshape(dt, (-1, 1))
+        after, fine = self._scan(x, constants, whole, whole / count, each=np.zeros((count, 1)))
+        _, coarse = self._scan(x, constants, whole, 2 * whole / count, each=np.zeros((count // 2, 1)))
         return after, self._step_error(coarse, fine)[0]
 
     def steps(
@@ -508,9 +511,7 @@ class RotationIntegrator:
             intervals[of] = dt
         fastest = np.zeros(len(intervals))
         np.maximum.at(fastest, of_interval, self.speeds(x))
-        counts = np.array(
-            [self.count_at(*each) for each in zip(fastest.tolist(), intervals.tolist(), strict=True)]
-        )
+        counts = self.counts_at(fastest, intervals)
         after = np.empty_like(x)
         for count in np.unique(counts).tolist():
             rows = np.flatnonzero(counts[of_interval] == count)
@@ -525,7 +526,10 @@ class RotationIntegrator:
         count: int,
     ) -> Float[np.ndarray, "k m"]:
         """`steps` with at least so many substeps; the intervals whose error is too large take twice as many."""
-        after, error = self._stepper(count)(x, dt[:, None])
+        if self._are_stepped_together(x):
+            after, error = self._steps_together(x, dt, count)
+        else:
+            after, error = self._stepper(count)(x, dt[:, None])
         if float(error.max(initial=0.0)) <= self._tolerance:
             return after
         worst = np.zeros(of_interval.max() + 1)
@@ -554,7 +558,7 @@ class RotationIntegrator:
         if len(x) == 1:
             return self.linearise(x[0], float(dt[0]), densities).transition[np.newaxis]
         found = np.empty((len(x), self._layout.error_dim, self._layout.error_dim))
-        counts = np.array([self.first_count(*each) for each in zip(x, dt.tolist(), strict=True)])
+        counts = self.counts_at(self.speeds(x), dt)
         left = np.arange(len(x))
         while left.size:
             good = np.ones(len(left), dtype=bool)
@@ -565,7 +569,7 @@ class RotationIntegrator:
                     error, found[rows] = self._transitions_together(x[rows], dt[rows, None], densities, count)
                 else:
                     _, error, found[rows], _ = self._lineariser(count)(x[rows], dt[rows, None], densities)
-                good[at] = [self.good(worst, count) for worst in error]
+                good[at] = self.are_good(error, count)
             left = left[~good]
             counts[left] *= 2
         return found
@@ -625,6 +629,26 @@ class RotationIntegrator:
                 f"{count} substeps of a step leave an error of {worst:.3g}, the tolerance is {self._tolerance:.3g}"
             )
         return False
+
+    def counts_at(self, speed: Float[np.ndarray, " k"], dt: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+        """`count_at` of many points, each at its own rate (rad/s) and time step (s)."""
+        if not (np.isfinite(dt) & (dt > 0)).all():
+            raise InputError("time steps must be positive and finite")
+        limits = turn_limits(self._tolerance)
+        with np.errstate(over="ignore"):
+            place = np.searchsorted(list(limits.values()), speed * dt)  # of what is no number the last
+        counts = np.array([*limits, 0])[place]
+        for k in np.flatnonzero(place == len(limits)).tolist():
+            counts[k] = self.count_at(float(speed[k]), float(dt[k]))
+        return counts
+
+    def are_good(self, error: Float[np.ndarray, "k e"], count: int) -> Bool[np.ndarray, " k"]:
+        """`good` of many points by the errors of each."""
+        worst = error.max(axis=1, initial=0.0)
+        good = (worst <= self._tolerance) | ~np.isfinite(worst)
+        if not good.all():
+            self.good(worst[~good], count)  # raises at the most substeps
+        return good
 
     @building()
     def _build_step(self, count: int) -> Compiled:

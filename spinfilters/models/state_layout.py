@@ -299,6 +299,25 @@ class StateLayout:
         """
         return self._local(x, y)[0]
 
+    def local_pairs(
+        self, x: Float[np.ndarray, "k m"], y: Float[np.ndarray, "k m"]
+    ) -> Float[np.ndarray, "k n"]:
+        """`local` of many pairs of points, side by side.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (k, m)
+            Points from which errors are counted.
+        y : ndarray of float, shape (k, m)
+            Points to which they lead, of each the one in the same row.
+
+        Returns
+        -------
+        ndarray of float, shape (k, n)
+            Errors.
+        """
+        return _local_lanes(self)(x, y, rows=(None, None))[0]
+
     def retract_each(
         self, x: Float[np.ndarray, " m"], d: Float[np.ndarray, "k n"]
     ) -> Float[np.ndarray, "k m"]:
@@ -411,14 +430,14 @@ def with_error_jacobian(layout: StateLayout, name: str, quantity: Quantity) -> C
     """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d), over any leading axes of x.
 
     The derivative goes through the layout's own retraction, so it is right for every error chart. A matrix y
-    comes as the column of its columns. Interpreted: it is called once per history, which no compiler repays.
+    comes as the column of its columns. Interpreted at first: one history does not repay a compiler.
     """
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
     moved = ca.vec(quantity(layout.unpack(layout.retract_expression(x, d))))
     value, jacobian = (
         ca.substitute(y, d, ca.DM.zeros(layout.error_dim)) for y in (moved, ca.jacobian(moved, d))
     )
-    return Compiled.interpreted(ca.Function(name, [x], [value, jacobian], ["x"], ["y", "Y"]))
+    return Compiled.late(ca.Function(name, [x], [value, jacobian], ["x"], ["y", "Y"]))
 
 
 @cache

@@ -238,6 +238,14 @@ class LoggerFolderReader(StatedReader):
         for root in ("", "mav0/")
     )
 
+    def held(self, path: Path) -> Path | None:
+        """The first of the files in a folder, or the table of a topic that ulog2csv wrote of one PX4 log."""
+        if (found := super().held(path)) is not None or not os.path.isdir(path):
+            return found
+        from spinfilters.io.flight_logs import table_of_topic
+
+        return table_of_topic(path)
+
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the table."""
         from spinfilters.io.motion_file import read_logger_folder
@@ -270,7 +278,7 @@ class Simulator42Reader(StatedReader):
     """Folders that the simulator 42 wrote."""
 
     name, order, words = "simulator-42", 27, "a folder of the simulator 42"
-    holds = ("wbn.42", "qbn.42")
+    holds = ("wbn.42", "qbn.42", "wbn00.42", "qbn00.42")
 
     def recognises(self, path: Path) -> bool:
         """Whether a folder holds the times, and rates or attitudes."""
@@ -440,9 +448,11 @@ class ArrayExportReader(StatedReader):
     )
 
     def recognises(self, path: Path) -> bool:
-        """Whether its suffix is one of these, or a YAML file begins with a list."""
-        is_list = is_file_named(path, (".yaml", ".yml")) and first_text(path, 2) in ("- ", "-\n")
-        return is_list or super().recognises(path)
+        """Whether its suffix is one of these, or a YAML file begins with a list or has several documents."""
+        if not is_file_named(path, (".yaml", ".yml")):
+            return super().recognises(path)
+        begin = first_text(path, _HEAD)
+        return begin.startswith(("- ", "-\n")) or len(_DOCUMENT.findall(begin)) > 1
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the arrays that describe a motion."""
@@ -451,6 +461,7 @@ class ArrayExportReader(StatedReader):
         return read_array_export(path, self.options)
 
 
+_DOCUMENT: Final = re.compile(r"^---\s*$", re.MULTILINE)
 _LABELLED: Final = re.compile(
     r"""[A-Za-z_\]]["']?\s*[:=]?\s*[\[({]*\s*[-+.\d]|[\]})]\s*[:=]|[A-Za-z_],[-+.\d]"""
 )
@@ -516,6 +527,46 @@ class GyroflowReader(StatedReader):
         from spinfilters.io.text_logs import read_gyroflow
 
         return read_gyroflow(path, self.options)
+
+
+class LineProtocolReader(StatedReader):
+    """Exports of InfluxDB in its line protocol."""
+
+    name, order, words = "line-protocol", 39, "line protocol of InfluxDB (.lp)"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the first lines of a text are lines of the protocol."""
+        if not is_file_named(path, (".lp", ".txt", ".line", ".influx", ".log")):
+            return False
+        from spinfilters.io.line_protocol import has_line_protocol
+
+        return has_line_protocol(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates, poses or attitudes of one measurement."""
+        from spinfilters.io.line_protocol import read_line_protocol
+
+        return read_line_protocol(path, self.options)
+
+
+class ColmapReader(StatedReader):
+    """Reconstructions of COLMAP as text."""
+
+    name, order, words = "colmap", 56, "images.txt of COLMAP"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the comments of a text list the columns of COLMAP's images."""
+        if not is_file_named(path, (".txt",)):
+            return False
+        from spinfilters.io.pose_graph import has_colmap_images
+
+        return has_colmap_images(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Poses of the reconstructed body in the camera."""
+        from spinfilters.io.pose_graph import read_colmap_images
+
+        return read_colmap_images(path, self.options)
 
 
 class PoseGraphReader(StatedReader):
@@ -686,6 +737,7 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     MatrixFolderReader(),
     ZipReader(),
     SpreadsheetReader(),
+    LineProtocolReader(),
     RosBagReader(),
     EchoedMessagesReader(),
     Px4LogReader(),
@@ -701,6 +753,7 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     OpenSimReader(),
     ArrayFileReader(),
     BvhReader(),
+    ColmapReader(),
     OtherFolderReader(),
     VectorCellsReader(),
     WordedRowsReader(),

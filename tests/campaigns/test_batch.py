@@ -1,5 +1,6 @@
 """Runs in batches have the numbers of runs made one by one, whatever way each of them went."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from spinfilters.campaigns.runner import Row, Runner
 from spinfilters.campaigns.study import study_from
 from spinfilters.core.c_library import compiler
 from spinfilters.core.errors import InputError
+from spinfilters.evaluation.metrics import METRICS
 
 OF_VERDICT = ("verdict", "verdict_reasons", "verdict_checks")
 POSES: dict[str, Any] = {
@@ -57,6 +59,14 @@ def test_a_run_whose_updates_are_iterated_is_made_by_itself() -> None:
     for batch, single in pairs:
         assert_same_numbers(batch, single)
     assert any(batch["verdict_checks"] == single["verdict_checks"] for batch, single in pairs)
+
+
+def test_a_metric_that_takes_one_run_has_the_same_numbers_in_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    one_by_one = tuple(replace(each, of_many=False) for each in METRICS)
+    together = rows_both_ways()
+    monkeypatch.setattr("spinfilters.campaigns.batch.metrics", lambda: one_by_one)
+    for (batch, _), (other, _) in zip(together, rows_both_ways(), strict=True):
+        assert_same_numbers(batch, other)
 
 
 @pytest.mark.skipif(compiler() is None, reason="runs are made one by one, with verdicts")

@@ -161,3 +161,20 @@ def test_a_journal_that_is_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) 
     os.mkfifo(tmp_path / ROWS / "000001.jsonl")
     with pytest.raises(InputError, match="pipe"):
         RowsFolder(tmp_path, FACTORS)
+
+
+def test_rows_that_are_written_together_leave_whole_parts_and_no_journal(tmp_path: Path) -> None:
+    with RowsFolder(tmp_path, FACTORS, together=4) as rows:
+        for run in range(10):
+            rows.append(_row(run))
+    assert [len(pq.read_table(path)) for path in part_files(tmp_path / ROWS)] == [4, 4, 2]
+    assert not list((tmp_path / ROWS).glob("*.jsonl"))
+    assert read_rows(tmp_path, FACTORS)["run"].to_pylist() == list(range(10))
+
+
+def test_a_row_that_fits_no_column_is_set_aside_from_those_written_together(tmp_path: Path) -> None:
+    with RowsFolder(tmp_path, FACTORS, LEVELS[:1], together=4) as rows:
+        for run in range(3):
+            rows.append(_row(run) | ({"nees": "0.1"} if run == 1 else {}))
+    assert read_rows(tmp_path, FACTORS)["run"].to_pylist() == [0, 2]
+    assert len(list((tmp_path / ROWS).glob("*.damaged"))) == 1

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from spinfilters.core import attitude_expressions as expressions
-from spinfilters.core import c_library
+from spinfilters.core import c_library, compiled
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import ShapeError
 
@@ -298,3 +298,16 @@ def _library_of(function: ca.Function, folder: Path) -> Path:
     subprocess.run([sys.executable, "-c", call], input=pickle.dumps(Compiled(function)), check=True)
     (library,) = folder.glob("*.so")
     return library
+
+
+def test_a_late_function_is_compiled_once_it_has_been_called_so_often_and_keeps_its_numbers(
+    own_cache: Path, c_compiler: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, "WORTH_COMPILING", 10)
+    function, vectors = Compiled.late(_affine_function()), np.arange(8 * 3.0).reshape(8, 3) / 7
+    first = function(np.ones((2, 3)), vectors, 2.0)
+    assert not list(own_cache.rglob("*.so"))
+    function(np.ones((2, 3)), vectors, 2.0)
+    later = function(np.ones((2, 3)), vectors, 2.0)
+    assert list(own_cache.rglob("*.so"))
+    assert all(map(np.array_equal, first, later))

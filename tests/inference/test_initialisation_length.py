@@ -1,6 +1,7 @@
 """How long an initialisation is: until a filter from it lies where the smoother of the same measurements does."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,6 +23,8 @@ from spinfilters.inference.first_epochs import (
     long_enough_initialisation,
 )
 from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
 from spinfilters.models.status import Verdict
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import InitialisationOptions, Settings
@@ -53,30 +56,39 @@ def test_a_rich_motion_keeps_its_sixty_epochs_and_tries_no_filter(
     assert not filter_diagnostics(setup)
 
 
+@cache
+def rich_gyro() -> Dataset:
+    """Rates of a rich motion."""
+    return simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM))
+
+
+@cache
+def rich_setup(epochs: int) -> Setup:
+    """Begun with so many of its epochs."""
+    return prepare(rich_gyro(), beginning_with(epochs))
+
+
+def beginning_with(epochs: int) -> Settings:
+    """Of filters."""
+    return replace(FILTERS, initialisation=replace(FILTERS.initialisation, epochs=epochs))
+
+
 def test_an_initialisation_takes_its_time_in_its_last_epoch() -> None:
-    setup = prepare(simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM)), FILTERS)
+    setup = rich_setup(60)
     assert setup.initial_runtime[-1] == setup.initial_seconds > 0
     assert not setup.initial_runtime[:-1].any()
 
 
 def test_a_filter_from_a_well_known_motion_lies_at_the_smoother() -> None:
-    dataset = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM))
-    short, long = (
-        prepare(dataset, replace(FILTERS, initialisation=replace(FILTERS.initialisation, epochs=epochs)))
-        for epochs in (30, 60)
-    )
+    short, long = rich_setup(30), rich_setup(60)
     away = departure_of(short.process, short.timeline, short.initial, long.initial)
     assert 0 < away < LARGEST_DEPARTURE
 
 
 def test_a_gross_error_behind_the_start_is_no_linearisation_that_a_filter_fails_on() -> None:
-    right = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM))
-    short, long = (
-        replace(FILTERS, initialisation=replace(FILTERS.initialisation, epochs=epochs)) for epochs in (30, 60)
-    )
-    start, away = prepare(right, short), []
-    for dataset in (right, with_faults(right, [GrossError("flipped", 45)], 0)):
-        later = prepare(dataset, long)
+    faulty = with_faults(rich_gyro(), [GrossError("flipped", 45)], 0)
+    start, away = rich_setup(30), []
+    for later in (rich_setup(60), prepare(faulty, beginning_with(60))):
         away.append(departure_of(start.process, later.timeline, start.initial, later.initial))
     assert away[1] < max(2 * away[0], 0.1)
 
@@ -85,8 +97,7 @@ def test_a_gross_error_behind_the_start_is_no_linearisation_that_a_filter_fails_
 def test_a_third_beyond_the_share_is_taken_where_that_and_no_fewer_is_enough(
     enough: int, length: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    dataset = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM))
-    setup = prepare(dataset, FILTERS)
+    setup = rich_setup(60)
     monkeypatch.setattr(initialisation_length, "_is_enough", lambda found: len(found.mean) >= enough)
 
     def of_length(options: InitialisationOptions) -> InitialEstimate:

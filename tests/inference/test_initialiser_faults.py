@@ -1,6 +1,7 @@
 """Gross errors in the first epochs: the initialisation leaves them out, whatever the sensor."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -43,6 +44,18 @@ def _spoilt(dataset: Dataset, epoch: int) -> Dataset:
     return replace(dataset, log=MeasurementLog((replace(stream, values=values),)))
 
 
+@cache
+def _recorded(kind: str) -> Dataset:
+    return simulate(CASES[kind])
+
+
+@cache
+def _begun_with_error(kind: str, epoch: int) -> tuple[Dataset, Setup]:
+    """A recording with one gross error, and what is made of its first epochs."""
+    dataset = _spoilt(_recorded(kind), epoch)
+    return dataset, prepare(dataset, Settings())
+
+
 def _nees(found: InitialEstimate, dataset: Dataset) -> tuple[float, int]:
     """Of everything that the data tell in the truth's frames, and its degrees of freedom."""
     assert dataset.truth is not None
@@ -57,8 +70,8 @@ def _nees(found: InitialEstimate, dataset: Dataset) -> tuple[float, int]:
 @pytest.mark.parametrize("epoch", [0, 3, 20])
 @pytest.mark.parametrize("kind", list(CASES))
 def test_one_gross_error_in_the_first_epochs_is_left_out(kind: str, epoch: int) -> None:
-    dataset = _spoilt(simulate(CASES[kind]), epoch)
-    found = prepare(dataset, Settings()).initial
+    dataset, setup = _begun_with_error(kind, epoch)
+    found = setup.initial
     assert found.converged
     assert 1 <= found.rejected <= 3
     assert found.fit == pytest.approx(1.0, abs=0.15)
@@ -118,8 +131,7 @@ def test_tracks_without_a_map_are_initialised_at_any_pixel_noise(pixel_std: floa
 
 @pytest.mark.parametrize("kind", list(CASES))
 def test_a_strict_smoothing_knows_whether_annealing_would_have_changed_it(kind: str) -> None:
-    dataset = simulate(CASES[kind])
-    right, wrong = (prepare(each, Settings()) for each in (dataset, _spoilt(dataset, 20)))
+    right, (_, wrong) = prepare(_recorded(kind), Settings()), _begun_with_error(kind, 20)
     strict, annealed = (_smoothed(right, SmoothingOptions(annealed=annealed)) for annealed in (0, 40))
     assert strict.is_annealed_too
     assert np.array_equal(strict.mean, annealed.mean)

@@ -88,7 +88,7 @@ def test_a_body_without_faces_is_told_to_use_the_poses(tmp_path: Path) -> None:
     faces[flip] = faces[flip][:, ::-1]
     mesh = TriangleMesh(sphere * [0.5, 0.7, 0.4], faces)
     with pytest.raises(InputError, match="no plane faces"):
-        recording(tmp_path / "scans", mesh, 0.0, 61)
+        recording(tmp_path / "scans", mesh, 0.0, 41)
 
 
 def test_errors_of_the_models_are_looked_for_in_points_whose_angles_have_no_innovation() -> None:

@@ -151,7 +151,7 @@ def test_a_body_without_faces_is_registered() -> None:
     flip = np.einsum("ni,ni->n", np.cross(b - a, c - a), a) < 0
     faces[flip] = faces[flip][:, ::-1]
     mesh = TriangleMesh(0.6 * sphere * bumps[:, None] * np.array([1.0, 1.2, 0.8]), faces)
-    scans, R, t = tumbling(mesh, 2, 8)
+    scans, R, t = tumbling(mesh, 2, 6)
     found = scan_poses(scans)
     assert not found.by_faces
     errors = errors_of(found.poses, R, t)
@@ -162,7 +162,7 @@ def test_a_body_without_faces_is_registered() -> None:
 
 def test_faces_behind_one_another_are_not_told_apart_by_their_normals() -> None:
     """Panels of a spacecraft were taken for the box before them: attitudes ended up to 180 deg off."""
-    scans, R, t = tumbling(spacecraft().scaled(0.12), 0, 12)
+    scans, R, t = tumbling(spacecraft().scaled(0.12), 0, 8)
     found = scan_poses(scans)
     assert not found.by_faces
     assert not found.doubts
@@ -281,7 +281,7 @@ def test_no_point_of_a_clean_body_is_taken_for_clutter() -> None:
 
 
 def test_thousands_of_points_in_one_spot_are_one_point() -> None:
-    scans, _ = snapshots(30.0, 4.0, 61, rvs_noise())
+    scans = snapshots(30.0, 4.0, 61, rvs_noise())[0][:3]
     spot = [with_repeats(scan, 3000) for scan in scans]
     found, alone = scan_poses(spot), scan_poses(scans)
     assert found.by_faces

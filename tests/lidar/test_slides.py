@@ -23,7 +23,7 @@ def slid_scans(noise: LidarNoise) -> tuple[AdjustedScans, np.ndarray]:
     times = scan_times(SCANS, 1.0, 0.0)[0]
     scans = scan_sequence(scanner, motion, times, 0, lambda *_: None)
     R, t = motion.poses(times)
-    clouds = [cloud_of(scan.points, np.zeros(3), 600) for scan in scans]
+    clouds = [cloud_of(scan.points, np.zeros(3), 400) for scan in scans]
     size = max(cloud.size for cloud in clouds)
     # direction of the lidar in the body; its z lies along the panels and the antenna
     seen = -np.einsum("kji,kj->ki", R, t / np.linalg.norm(t, axis=1, keepdims=True))

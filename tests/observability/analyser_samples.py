@@ -1,5 +1,7 @@
 """Systems that several tests look at."""
 
+from functools import cache
+
 from observability import system as sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, CanonicalMotion, landmarks
 from observability.coordinates import MOMENTS, RATIOS, Chart, FilterChart, PrincipalChart, TensorChart
@@ -13,6 +15,7 @@ EULER = PrincipalChart(MOMENTS, with_attitude=False, with_place=False)
 LOG_RATIOS = PrincipalChart(RATIOS, with_attitude=False, with_place=False)
 
 
+@cache
 def stereo_system(chart: Chart, count: int) -> System:
     """Unknown landmarks before a stereo pair."""
     return System(chart, [sensors.watching("stereo", landmarks(count))])

@@ -2,7 +2,11 @@
 
 import json
 import shutil
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -56,19 +60,33 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = folder / "reconstruction"
     place.mkdir()
     # model = R'(shape - t): TURN is what the alignment should find
-    model = finely(l_shape(), 4).moved(TURN.T, -TURN.T @ CENTRE)
+    model = finely(l_shape(), 3).moved(TURN.T, -TURN.T @ CENTRE)
     noisy = model.vertices + 5e-4 * np.random.default_rng(2).normal(size=model.vertices.shape)
     write_mesh(place / "model.ply", TriangleMesh(noisy, model.triangles))
     return folder
 
 
-def test_a_model_is_put_on_its_shape_from_any_rotation(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    shape = write_mesh(tmp_path / "body.ply", l_shape().scaled(1000.0))
-    assert main(["align", str(run), str(shape), "--scale", "0.001"]) == 0
-    assert "centre of mass in the axes of the shape: x 1" in capsys.readouterr().out
+@dataclass(frozen=True)
+class AlignedModel:
+    """What the command prints, and the file that it writes."""
+
+    printed: str
+    told: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def aligned(run: Path, tmp_path_factory: pytest.TempPathFactory) -> AlignedModel:
+    """The model of the run on its shape in mm."""
+    shape = write_mesh(tmp_path_factory.mktemp("shapes") / "body.ply", l_shape().scaled(1000.0))
+    with redirect_stdout(StringIO()) as printed:
+        assert main(["align", str(run), str(shape), "--scale", "0.001"]) == 0
     told = json.loads((run / "reconstruction" / "alignment.json").read_text())
+    return AlignedModel(printed.getvalue(), told)
+
+
+def test_a_model_is_put_on_its_shape_from_any_rotation(run: Path, aligned: AlignedModel) -> None:
+    told = aligned.told
+    assert "centre of mass in the axes of the shape: x 1" in aligned.printed
     assert (run / "reconstruction" / "alignment.png").stat().st_size > 1000
     assert Rotation.from_matrix(TURN.T @ np.array(told["rotation"])).magnitude() < np.deg2rad(0.2)
     np.testing.assert_allclose(told["center_of_mass_m"], CENTRE, atol=2e-4)
@@ -82,9 +100,8 @@ def test_a_model_is_put_on_its_shape_from_any_rotation(
     assert (np.deg2rad(told["rotation_std_deg"]) >= 0.99 * own).all()
 
 
-def test_the_place_of_frame_g_in_the_shape_is_stated(run: Path, tmp_path: Path) -> None:
-    assert main(["align", str(run), str(write_mesh(tmp_path / "body.ply", l_shape()))]) == 0
-    told = json.loads((run / "reconstruction" / "alignment.json").read_text())
+def test_the_place_of_frame_g_in_the_shape_is_stated(run: Path, aligned: AlignedModel) -> None:
+    told = aligned.told
     body = read_figure_data(run).evaluations[0].body
     assert body.center_of_mass_g is not None
     R, t = (np.array(told["g_to_shape"][key]) for key in ("rotation", "translation_m"))

@@ -42,7 +42,7 @@ from tests.run.checkpoint_samples import (
     unmapped,
 )
 
-KILLS = [(NAMES[k % 2], int(f)) for k, f in enumerate(np.random.default_rng(7).integers(1, 29, 10))]
+KILLS = [(NAMES[k % 2], int(f)) for k, f in enumerate(np.random.default_rng(7).integers(1, 29, 6))]
 
 
 @pytest.fixture(autouse=True)

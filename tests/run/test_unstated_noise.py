@@ -16,7 +16,7 @@ from spinfilters.run.estimation import Comparison
 from spinfilters.run.preparation import prepare
 from spinfilters.run.readers import read_dataset
 from spinfilters.run.run_summary import summary
-from spinfilters.settings.run_settings import SensorSettings, Settings
+from spinfilters.settings.run_settings import FILTER, SensorSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
 
 TRUE = {"pose_position_std": 0.002, "pose_rotation_std": 0.004, "force_psd": 1e-5, "torque_psd": 1e-5}
@@ -41,14 +41,19 @@ def recording(seed: int) -> Dataset:
     return replace(dataset, log=MeasurementLog(streams), options=options)
 
 
-def compared(dataset: Dataset, settings: Settings) -> Comparison:
-    """MEKF and smoother."""
-    settings = replace(settings, estimators=("mekf", "smoother"))
-    return plain_comparison(dataset, settings)
+@cache
+def judged(seed: int) -> Comparison:
+    """MEKF and smoother at the noise that they identify, with their verdicts."""
+    return plain_comparison(recording(seed), Settings(estimators=("mekf", "smoother")))
+
+
+def smoothed(dataset: Dataset, settings: Settings) -> Comparison:
+    """The smoother alone, without tests of its models, where its noise is looked at."""
+    return plain_comparison(dataset, replace(settings, estimators=("smoother",), verdict=FILTER))
 
 
 def test_the_summary_says_what_was_identified_with_its_deviation() -> None:
-    noise = summary(compared(recording(0), Settings()))["estimators"]["mekf"]["noise"]
+    noise = summary(judged(0))["estimators"]["mekf"]["noise"]
     for name, true in TRUE.items():
         assert noise[name]["source"] == "identified"
         assert abs(noise[name]["value"] - true) < 4 * noise[name]["std"] + 0.3 * true * name.endswith("psd")
@@ -57,7 +62,7 @@ def test_the_summary_says_what_was_identified_with_its_deviation() -> None:
 def test_estimates_with_identified_noise_are_consistent() -> None:
     mean = np.zeros(2)
     for seed in range(4):
-        for k, evaluation in enumerate(compared(recording(seed), Settings()).evaluations):
+        for k, evaluation in enumerate(judged(seed).evaluations):
             assert evaluation.history.status.verdict == "ok", evaluation.history.status.reasons
             assert evaluation.nees is not None
             own = evaluation.history.own
@@ -75,14 +80,14 @@ def test_what_is_stated_is_used_as_it_is(by: str) -> None:
     else:
         told = replace(dataset.options, sensor_noise={"pose_position_std": 0.02}, torque_psd=3e-6)
         dataset = replace(dataset, options=told)
-    noise = summary(compared(dataset, settings))["estimators"]["smoother"]["noise"]
+    noise = summary(smoothed(dataset, settings))["estimators"]["smoother"]["noise"]
     assert noise["pose_position_std"] == {"value": 0.02, "std": None, "upper": None, "source": "stated"}
     assert noise["torque_psd"] == {"value": 3e-6, "std": None, "upper": None, "source": "stated"}
     assert noise["pose_rotation_std"]["source"] == "identified"
 
 
 def test_the_smoother_identifies_noise_over_its_own_epochs_and_filters_over_the_first() -> None:
-    comparison = compared(recording(1), Settings())
+    comparison = judged(1)
     setup, (mekf, smoother) = comparison.setup, comparison.evaluations
     assert mekf.history.noise == setup.identified
     first, later = (
@@ -101,7 +106,7 @@ def test_a_disturbance_too_small_to_be_seen_is_said_to_be_below_a_bound() -> Non
     )
     streams = tuple(replace(stream, covariance=None) for stream in dataset.log.streams)
     dataset = replace(dataset, log=MeasurementLog(streams), options=replace(dataset.options, torque_psd=None))
-    document = summary(compared(dataset, Settings()))
+    document = summary(smoothed(dataset, Settings()))
     noise = document["estimators"]["smoother"]["noise"]["torque_psd"]
     assert noise["source"] == "prior"
     assert noise["std"] is None
@@ -116,7 +121,8 @@ def test_a_white_gyro_s_noise_is_identified_with_the_torque() -> None:
     )
     dataset = simulate(scenario)
     options = replace(dataset.options, force_psd=None, torque_psd=None, sensor_noise={})
-    history = compared(replace(dataset, options=options), Settings()).evaluations[1].history
+    (evaluation,) = smoothed(replace(dataset, options=options), Settings()).evaluations
+    history = evaluation.history
     found = {each.name: each for each in history.noise}
     assert abs(np.log(found["gyro_noise_std"].value / noise_std)) < 1.5 * found["gyro_noise_std"].log_std
     assert found["torque_psd"].upper > 2e-6

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,10 @@ from spinfilters.core.posterior_sampling import smoothed_weights
 from spinfilters.evaluation.stated_errors import quantity_errors
 from spinfilters.inference import smoother_run
 from spinfilters.inference.smoother_run import LARGEST_SAMPLED_NEES, NOT_GAUSSIAN
+from spinfilters.io.dataset import Dataset
 from spinfilters.models.body import MassSamples, body_estimate, turn_of_axes
 from spinfilters.models.state_layout import Gaussian, StateLayout
+from spinfilters.smoother import mass_posterior
 from spinfilters.smoother.mass_posterior import (
     SAMPLES,
     SampledMass,
@@ -80,13 +83,20 @@ def test_the_volume_ratio_is_that_of_the_exponential_map() -> None:
     assert log_volume_ratio(np.zeros((3, 3))) == pytest.approx(0.0, abs=1e-9)
 
 
+@cache
+def weak_run() -> tuple[Dataset, dict[str, Any]]:
+    """Poses of a motion that tells the moments badly, and what both and a baseline state of it."""
+    data = simulate("pose", rate_rpm=WEAK_RPM, frames=100, seed=1)
+    estimators = ["mekf", "smoother", "ekf-joint"]
+    return data, compare(data, estimators, verdict="filter").summary["estimators"]
+
+
 @pytest.mark.parametrize("name", ["smoother", "mekf"])
 def test_a_weak_motion_publishes_the_marginal_posterior_and_not_its_mode(name: str) -> None:
-    data = simulate("pose", rate_rpm=WEAK_RPM, frames=100, seed=1)
+    data, run = weak_run()
     assert data.truth is not None
     assert data.truth.principal_moments is not None
-    truth = np.sort(data.truth.principal_moments)
-    found = compare(data, [name], verdict="filter").summary["estimators"][name]
+    truth, found = np.sort(data.truth.principal_moments), run[name]
     away = np.array(found["principal_moments"]) - truth / truth[-1]
     assert (np.abs(away[:2]) < 2.5 * np.array(found["principal_moments_std"])[:2]).all()
     low, high = np.array(found["principal_moments_interval"]).T
@@ -95,8 +105,7 @@ def test_a_weak_motion_publishes_the_marginal_posterior_and_not_its_mode(name: s
 
 
 def test_filters_share_the_samples_of_the_smoother_and_baselines_keep_their_own_moments() -> None:
-    data = simulate("pose", rate_rpm=WEAK_RPM, frames=100, seed=1)
-    found = compare(data, ["mekf", "smoother", "ekf-joint"], verdict="filter").summary["estimators"]
+    _, found = weak_run()
     assert found["mekf"]["principal_moments"] == found["smoother"]["principal_moments"]
     assert found["ekf-joint"]["principal_moments_interval"] is None
 
@@ -156,6 +165,8 @@ def test_samples_that_cannot_be_relied_upon_are_told_where_a_gaussian_does_not_d
 ) -> None:
     data = simulate("pose", rate_rpm=WEAK_RPM, frames=60, seed=3)
     made = smoother_run.sampled_mass
+    for few in ("SAMPLES", "TRIED", "MOST_NODES"):  # which they are, nobody asks
+        monkeypatch.setattr(mass_posterior, few, 40)
 
     def unreliable(*arguments: Any) -> SampledMass | None:
         """Samples with weights of an infinite variance."""

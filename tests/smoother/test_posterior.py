@@ -11,6 +11,7 @@ from spinfilters.evaluation.stated_errors import posterior_quantities
 from spinfilters.inference.smoother_run import smooth_at_once, smoothed_problem
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother import mass_posterior
 from spinfilters.smoother import posterior as posterior_module
 from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.mass_posterior import MassSampler, even_points
@@ -20,6 +21,13 @@ from tests.smoother.smoothing_samples import LONG, sample, solved
 
 FEW = SamplingOptions(samples=128)
 FEWEST = SamplingOptions(samples=24, walkers=12, steps=2, settling=0)
+
+
+@pytest.fixture(autouse=True)
+def hardly_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How far a Gaussian would do as a proposal is no question of these tests."""
+    for module in (posterior_module, mass_posterior):
+        monkeypatch.setattr(module, "TRIED", 12)
 
 
 @cache
@@ -34,7 +42,7 @@ def posterior(rates: tuple[float, float, float], options: SamplingOptions) -> Po
 
 def test_a_rich_motion_has_the_gaussian_of_the_smoother() -> None:
     data = simulate("gyro", rate_rpm=(4.0, 9.0, 3.0), frames=100, seed=3)
-    found = compare(data, ["smoother", "posterior"]).summary["estimators"]
+    found = compare(data, ["smoother", "posterior"], verdict="filter").summary["estimators"]
     for name in ("attitude", "rate", "moments", "axes"):
         assert found["smoother"]["posterior_divergence"][name] < 0.01
         assert found["smoother"]["posterior_tail"][name] == pytest.approx(0.05, abs=0.03)
@@ -44,7 +52,7 @@ def test_a_rich_motion_has_the_gaussian_of_the_smoother() -> None:
 
 def test_walkers_find_the_posterior_that_importance_finds() -> None:
     rates = (2.0, 6.0, 1.0)
-    walked = posterior(rates, SamplingOptions(128, -np.inf, walkers=16, steps=24, settling=4))
+    walked = posterior(rates, SamplingOptions(64, -np.inf, walkers=16, steps=18, settling=4))
     weighted = posterior(rates, FEW)
     assert (walked.last.method, weighted.last.method) == ("mcmc", "importance")
     for each in (walked, weighted):
@@ -57,7 +65,8 @@ def test_walkers_find_the_posterior_that_importance_finds() -> None:
     assert np.sqrt(walked.mass.weights @ np.square(walked_away)) == pytest.approx(std, rel=0.5)
 
 
-def test_quantiles_of_few_samples_do_not_depend_on_which() -> None:
+def test_quantiles_of_few_samples_do_not_depend_on_which(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mass_posterior, "SAMPLES", 40)  # of the smoother, whose Gaussian is all that is used
     setup = prepare(simulate("gyro", rate_rpm=(4.0, 9.0, 3.0), frames=30, seed=2), Settings())
     problem, smoothed = smoothed_problem(setup, Settings())
     history, found = smooth_at_once(setup, Settings(), lambda done, every: None), []
@@ -87,7 +96,7 @@ def test_the_posterior_takes_tracks_without_a_map() -> None:
     data = simulate("stereo-tracks", rate_rpm=(0.5, 10.0, 0.5), frames=16, seed=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(posterior_module, "sample_posterior", partial(sample_posterior, options=FEWEST))
-        found = compare(data, ["smoother", "posterior"])
+        found = compare(data, ["smoother", "posterior"], verdict="filter")
     assert found["posterior"].evaluation.history.posterior is not None
     distances = found["smoother"].evaluation.distances
     assert distances is not None

@@ -1,6 +1,7 @@
 """The sliding smoother as an estimator: the one loop drives it, measurements come as they come, a snapshot brings it back."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -10,10 +11,10 @@ from spinfilters.core.errors import InputError
 from spinfilters.filters.late_measurements import Outcome, OutOfSequenceUpdates
 from spinfilters.filters.timeline import advance, run
 from spinfilters.models.state_layout import Gaussian
-from spinfilters.models.status import Verdict
+from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.smoother.problem import InitialGuess
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
-from spinfilters.smoother.sliding_smoother import SmootherOptions
+from spinfilters.smoother.sliding_smoother import MarginalizedState, SmootherOptions
 from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 from tests.filters.out_of_sequence_samples import arrivals
 from tests.smoother.smoothing_samples import LAYOUT, LONG, PROCESS, SOON, STD, sample
@@ -52,19 +53,39 @@ def test_the_one_loop_over_time_drives_it(mode: WindowPolicy) -> None:
     assert np.mean(np.square(whitened[1:])) < 2.5
 
 
+HALTS = (BEGUN, 15, 26)
+
+
+@cache
+def _undisturbed(mode: WindowPolicy) -> tuple[Gaussian, tuple[MarginalizedState, ...]]:
+    """Belief at the end and all epochs of a run without a snapshot."""
+    whole = _driven(_begun(mode), BEGUN, 30)
+    return whole.belief, tuple(whole.smoothed())
+
+
+@cache
+def _halted(mode: WindowPolicy) -> dict[int, tuple[dict[str, np.ndarray], np.ndarray, EstimatorStatus]]:
+    """Snapshot, covariance factor and status at every halt of one run."""
+    smoother, found = _begun(mode), {}
+    for before, halt in pairwise((BEGUN, *HALTS)):
+        _driven(smoother, before, halt)
+        kept = {name: array.copy() for name, array in smoother.snapshot().items()}
+        found[halt] = kept, smoother.belief.factor.copy(), smoother.status
+    return found
+
+
 @pytest.mark.parametrize("mode", MODES, ids=str)
-@pytest.mark.parametrize("halt", [BEGUN, 15, 26])
+@pytest.mark.parametrize("halt", HALTS)
 def test_a_snapshot_leads_on_to_the_same_bits(mode: WindowPolicy, halt: int) -> None:
-    halted, whole = _driven(_begun(mode), BEGUN, halt), _driven(_begun(mode), BEGUN, 30)
-    kept = {name: array.copy() for name, array in halted.snapshot().items()}
-    again = _begun(mode)
+    (belief, rows), again = _undisturbed(mode), _begun(mode)
+    kept, factor, status = _halted(mode)[halt]
     again.restore(kept)
-    np.testing.assert_array_equal(again.belief.factor, halted.belief.factor)
-    assert again.status == halted.status
+    np.testing.assert_array_equal(again.belief.factor, factor)
+    assert again.status == status
     _driven(again, halt, 30)
-    np.testing.assert_array_equal(again.belief.mean, whole.belief.mean)
-    np.testing.assert_array_equal(again.belief.factor, whole.belief.factor)
-    for row, wanted in zip(again.smoothed(), whole.smoothed(), strict=True):
+    np.testing.assert_array_equal(again.belief.mean, belief.mean)
+    np.testing.assert_array_equal(again.belief.factor, belief.factor)
+    for row, wanted in zip(again.smoothed(), rows, strict=True):
         np.testing.assert_array_equal(row.mean, wanted.mean)
         np.testing.assert_array_equal(row.factor, wanted.factor)
 

@@ -186,11 +186,14 @@ def test_time_that_does_not_go_forwards_is_refused(attempt: Callable[[SlidingSmo
     np.testing.assert_array_equal(sliding.belief.factor, before.factor)
 
 
+POSE = Pose(LAYOUT)
+
+
 def _with_pose(epoch: Epoch, x: np.ndarray, std: float, generator: np.random.Generator) -> Epoch:
     noise = np.concatenate([std * generator.standard_normal(6), np.zeros(14)])
     values = LAYOUT.retract(x, noise)[None, :7]
     parameters = pose_parameters(std**2 * np.eye(6)[None])
-    return Epoch(epoch.time, (*epoch.measurements, Measurement(Pose(LAYOUT), values, parameters)))
+    return Epoch(epoch.time, (*epoch.measurements, Measurement(POSE, values, parameters)))
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)

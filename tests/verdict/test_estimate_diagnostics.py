@@ -5,10 +5,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from plain_comparison import plain_comparison
 
 from experiments.honest_cases import RecordingCase, recordings
 from spinfilters.models.status import Finding
-from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.estimation import Comparison
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import AUTO, ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map, without_noise
@@ -32,9 +33,7 @@ RICH = RecordingCase("rich gyro", rate_rpm=RICH_RPM, epochs=120)
 @cache
 def compared(case: RecordingCase, seed: int = 0) -> Comparison:
     """MEKF and smoother on a recording whose stated noise is true."""
-    return compare_estimators(
-        prepare(recordings(case, seed + 1)[seed].dataset, SETTINGS), SETTINGS, lambda *_: None
-    )
+    return plain_comparison(recordings(case, seed + 1)[seed].dataset, SETTINGS)
 
 
 def test_a_filter_that_agrees_with_the_smoother_is_not_doubted() -> None:

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from plain_comparison import plain_comparison
 
 from experiments.honest_cases import RecordingCase, recordings
 from spinfilters.evaluation.metrics import held_text
@@ -19,8 +20,7 @@ from spinfilters.models.status import (
     Holds,
     Verdict,
 )
-from spinfilters.run.estimation import Comparison, compare_estimators
-from spinfilters.run.preparation import prepare
+from spinfilters.run.estimation import Comparison
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM
 from spinfilters.verdict.check import Evidence, Needs
@@ -41,7 +41,7 @@ def compared(kind: str, steady: bool = False) -> Comparison:
         f"{kind} of the verdict", kind, moments=(1.0, 0.8, 0.55), rate_rpm=rate, epochs=60, psd=1e-9
     )
     settings = replace(SETTINGS, estimators=("mekf", "smoother"))
-    return compare_estimators(prepare(recordings(case, 1)[0].dataset, settings), settings, lambda *_: None)
+    return plain_comparison(recordings(case, 1)[0].dataset, settings)
 
 
 def evidence(*found: Finding) -> Evidence:

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain_comparison import plain_comparison
 
 from experiments.named_causes import drawn, outcome, recorded
 from spinfilters.campaigns.row_columns import result_columns
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.models.state_blocks import RATE
-from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.smoother.motion_factors import STRETCH
@@ -34,7 +34,7 @@ def test_a_drift_is_counted_over_more_epochs_than_are_tested(
 
 def test_a_clock_that_is_stated_as_exact_has_no_drift() -> None:
     recording = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=60))
-    compared = compare_dataset(recording, Settings(estimators=("smoother",)))
+    compared = plain_comparison(recording, Settings(estimators=("smoother",)))
     assert compared.models.clock_drift is None
 
 
@@ -43,7 +43,7 @@ def test_a_drift_within_a_stated_clock_is_counted() -> None:
     scenario, fault, size, _ = drawn("pose", "clock-drift", 706)
     recording = recorded(scenario, fault, size, stated=False)
     recording = replace(recording, options=replace(recording.options, calibration={"clock_scale_std": 0.02}))
-    (found,) = compare_dataset(recording, Settings(estimators=("smoother",))).evaluations
+    (found,) = plain_comparison(recording, Settings(estimators=("smoother",))).evaluations
     assert float(result_columns(found)["worst_error"]) < LARGEST_STATED_ERROR
 
 
@@ -57,7 +57,7 @@ def test_a_stated_deviation_and_residuals_together(size: float, std: float, devi
 def test_poses_that_would_show_a_drift_hardly_widen_the_deviations() -> None:
     recording = simulate(Scenario.simplified(kind="pose", rate_rpm=RICH_RPM, epochs=60))
     recording = replace(recording, options=replace(recording.options, calibration={}))
-    compared = compare_dataset(recording, Settings(estimators=("smoother",)))
+    compared = plain_comparison(recording, Settings(estimators=("smoother",)))
     (history,) = (each.history for each in compared.evaluations)
     drift, rates = compared.models.clock_drift, history.layout.slice(RATE.name)
     assert drift is not None
@@ -70,6 +70,6 @@ def test_a_recording_longer_than_a_smoother_keeps_in_memory_counts_a_drift() -> 
     scenario = Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=STRETCH + 52, interval=0.01)
     recording = simulate(scenario)
     recording = replace(recording, options=replace(recording.options, calibration={}))
-    compared = compare_dataset(recording, Settings(estimators=("mekf",)))
+    compared = plain_comparison(recording, Settings(estimators=("mekf",)))
     assert compared.models.clock_drift is not None
     assert len(compared.models.clock_drift) == STRETCH + 52

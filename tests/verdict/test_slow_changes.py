@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 from jaxtyping import Float
+from plain_comparison import plain_comparison
 
 from spinfilters.io.consider_parameter import exact_calibration
 from spinfilters.io.dataset import Dataset, DatasetOptions
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.run.estimation import compare_estimators
-from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.verdict import model_tests as model_errors
 from spinfilters.verdict import tested_models
@@ -28,8 +27,8 @@ def models_of(
     exact = exact_calibration(("gyro",))
     options = DatasetOptions(calibration=exact, gyro_noise_std=NOISE, torque_psd=1e-12)
     settings = Settings(estimators=("smoother",))
-    setup = prepare(Dataset(kind="gyro", log=MeasurementLog((stream,)), options=options), settings)
-    return compare_estimators(setup, settings, lambda *_: None).models
+    dataset = Dataset(kind="gyro", log=MeasurementLog((stream,)), options=options)
+    return plain_comparison(dataset, settings).models
 
 
 def test_a_slow_change_is_given_no_cause(monkeypatch: pytest.MonkeyPatch) -> None:
