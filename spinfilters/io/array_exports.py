@@ -168,7 +168,10 @@ def _hdf5(path: Path, stated: Sequence[str]) -> ArrayColumns:
     with _refused_if_damaged(path, "is no whole HDF5 file", "save it again"), h5py.File(path, "r") as file:
         sets = _number_sets(file)
         _require_size(path, sum(8 * each.size for each in sets.values()))
-        arrays = {f"{name}{_stated_unit(each)}": np.asarray(each[()]) for name, each in sets.items()}
+        arrays = {
+            f"{name}{_stated_order(each)}{_stated_unit(each)}": np.asarray(each[()])
+            for name, each in sets.items()
+        }
     arrays = _parted_records(arrays)
     if is_matlab:
         arrays = {name: array.T for name, array in arrays.items()}
@@ -187,6 +190,8 @@ def _parted_records(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 _NO_UNIT: Final = frozenset({"", "1", "-", "none", "unitless", "dimensionless", "n/a"})
 _UNIT: Final = re.compile(r" \([^()]*\)$")
+_LENGTH: Final = re.compile(r"(p|pos|position|loc|location|trans|translation)_([cm]?m)", re.IGNORECASE)
+"""A position with its unit behind, which belongs behind the axis of a component."""
 
 
 def _stated_unit(dataset: Any) -> str:
@@ -199,8 +204,21 @@ def _stated_unit(dataset: Any) -> str:
     return ""
 
 
+def _stated_order(dataset: Any) -> str:
+    """Order of the components of a quaternion, behind a name, as an attribute of the data set says; empty without one."""
+    for name in ("order", "convention", "components", "layout"):
+        stated = dataset.attrs.get(name)
+        stated = stated.decode("utf-8", "replace") if isinstance(stated, bytes) else stated
+        letters = "".join(str(each) for each in stated) if isinstance(stated, np.ndarray) else stated
+        if isinstance(letters, str) and (order := re.sub(r"[^a-z]", "", letters.lower())) in ("wxyz", "xyzw"):
+            return f"_{order}"
+    return ""
+
+
 def _component(name: str, axis: str) -> str:
     """Name of a component, in front of the unit of the vector."""
+    if (length := _LENGTH.fullmatch(name)) is not None:
+        return f"{length[1]}{axis} ({length[2]})"
     unit = _UNIT.search(name)
     return f"{name}{axis}" if unit is None else f"{name[: unit.start()]}{axis}{unit[0]}"
 
