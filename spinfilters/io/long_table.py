@@ -36,7 +36,9 @@ def long_columns(path: Path, layout: TableLayout) -> ArrayColumns | None:
     names = [name.lower() for name in layout.names]
     values = [k for k, name in enumerate(names) if name in _VALUE]
     words = [k for k, name in enumerate(names) if _NAMES.fullmatch(name)]
-    clocks = [k for k, name in enumerate(names) if name in _CLOCK or is_clock(name)]
+    words.sort(key=lambda k: names[k] not in ("measurement", "_measurement"))  # whose fields the others are
+    clocks = [k for k, name in enumerate(names) if name in _CLOCK]
+    clocks = clocks or [k for k, name in enumerate(names) if is_clock(name)]
     if len(values) != 1 or len(clocks) != 1 or not words:
         return None
     units = [k for k, name in enumerate(names) if name in _UNIT]

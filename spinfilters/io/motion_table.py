@@ -33,10 +33,12 @@ from spinfilters.io.text_table import Table
 from spinfilters.io.unnamed_columns import (
     MOST_COLUMNS,
     RATE_NAMES,
+    Direction,
     how_to_name,
     is_certain,
     proposed_columns,
     proved_columns,
+    quaternion_direction,
 )
 
 SLOWEST: Final = 1.0
@@ -438,6 +440,16 @@ def _poses(
     if not has_position:
         options.require_only(("clock", "rate", "columns", "topic"), "a table of attitudes")
     table = _read_quantities(source, columns, ("position", rotation) if has_position else (rotation,))
+    direction = _shown_direction(source, columns) if rotation == "quaternion" else "unknown"
+    if direction == "contradiction":
+        raise InputError(
+            f"{path_text(source.path)}: its rates are minus the derivative of its quaternion, so one of them is in other axes; "
+            f"correct it, or leave the rates out: {to_state('columns', _names_without_rates(source, columns))}"
+        )
+    if direction == "to body":
+        table = replace(
+            table, values=np.column_stack([table.values[:, :-4], table.values[:, -4:] * _CONJUGATE])
+        )
     if rotation == "matrix":
         table = _with_quaternions(table)
     elif rotation == "mrp":
@@ -452,7 +464,34 @@ def _poses(
         stream = MeasurementStream(
             "pose" if has_position else "attitude", table.values[:, 0], table.values[:, 1:]
         )
-    return MotionTable(stream, None, () if clock == "s" else (clock,))
+    remarks = () if clock == "s" else (clock,)
+    turned = ("its quaternion maps from inertial to body axes, as the rates beside it show: turned round",)
+    return MotionTable(stream, None, (*remarks, *(turned if direction == "to body" else ())))
+
+
+def _names_without_rates(source: NamedColumns, columns: MotionColumns) -> str:
+    """Names of the columns that are read, with - for all others, as the user may state them."""
+    kept = {k for quantity, vector in columns.vectors.items() if quantity != "rate" for k in vector.indices}
+    kept |= set() if columns.time is None else {columns.time[0]}
+    kept |= set() if columns.fraction is None else {columns.fraction[0]}
+    return ",".join(name if k in kept else "-" for k, name in enumerate(source.names))
+
+
+_CONJUGATE: Final = (-1.0, -1.0, -1.0, 1.0)
+
+
+def _shown_direction(source: NamedColumns, columns: MotionColumns) -> Direction:
+    """Direction of the quaternion of a table that the rates beside it show; unknown without rates."""
+    found, rows = columns.vectors, _head(source)
+    if "rate" not in found or columns.time is None or not rows.size:
+        return "unknown"
+    time = rows[:, columns.time[0]]
+    if columns.fraction is not None:
+        place, unit = columns.fraction
+        time = time + unit * rows[:, place]
+    return quaternion_direction(
+        time, rows[:, list(found["quaternion"].indices)], rows[:, list(found["rate"].indices)]
+    )
 
 
 def _with_quaternions(table: Table) -> Table:

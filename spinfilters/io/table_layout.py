@@ -486,7 +486,7 @@ def _header_above(lines: Sequence[_NumberedLine], row: str) -> TableLayout | Non
         return None
     units = [""] * width
     if len(rows) > 1 and _are_units(rows[-1]):
-        units = [_bare_unit(cell) for cell in rows.pop()]
+        units = ["" if cell.lower().rstrip("s:") == "unit" else _bare_unit(cell) for cell in rows.pop()]
     for noted in [each for each in rows[1:] if any(_NOTE.match(cell) for cell in each)]:
         rows.remove(noted)
         if any(cell.startswith("Unit:") for cell in noted):

@@ -9,7 +9,7 @@
 import math
 import re
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -113,6 +113,12 @@ def proposed_columns(rows: Float[np.ndarray, "n m"], clock: int | None = None) -
         return _with_rates(rows, free, names)
     rates = None if clock is None else _derived_rates(rows, clock, place, free)
     orders = list(_ORDERS) if rates is None else [rates[1]]
+    if rates is None and clock is not None:
+        of_quaternion = _directions(rows, clock, place, free)
+        if {"to body", "contradiction"} & {each for _, each in of_quaternion}:
+            return []  # no names can say that it maps the other way
+        for column, _ in of_quaternion:  # rates in inertial axes, and no position
+            free[column : column + 3] = [False] * 3
     if rates is not None:
         column, _, unit = rates
         free[column : column + 3] = [False] * 3
@@ -122,7 +128,11 @@ def proposed_columns(rows: Float[np.ndarray, "n m"], clock: int | None = None) -
             return [names]
     if place >= 3 and all(free[place - 3 : place]):
         names[place - 3 : place] = ["px", "py", "pz"]
-    elif len(free) >= place + 7 and all(free[place + 4 : place + 7]):
+    elif (
+        len(free) >= place + 7
+        and all(free[place + 4 : place + 7])
+        and np.ptp(rows[:, place + 4 : place + 7], axis=0).any()
+    ):
         names[place + 4 : place + 7] = ["px", "py", "pz"]
     found = []
     for order in orders:
@@ -243,6 +253,71 @@ def _derived_rates(
                 if unit is not None:
                     return column, order, unit
     return None
+
+
+def _directions(
+    rows: Float[np.ndarray, "n m"], clock: int, place: int, free: Sequence[bool]
+) -> list[tuple[int, "Direction"]]:
+    """First columns of rates that belong to a quaternion in either order, with the direction that they show."""
+    found: list[tuple[int, Direction]] = []
+    for order in _ORDERS:
+        four = rows[:, place : place + 4]
+        q = four if order == "xyzw" else four[:, [1, 2, 3, 0]]
+        for column in _triples(free):
+            shown = quaternion_direction(rows[:, clock], q, rows[:, column : column + 3])
+            if shown != "unknown":
+                found.append((column, shown))
+    return found
+
+
+Direction = Literal["unknown", "to inertial", "to body", "contradiction"]
+"""Axes to which a quaternion maps, as rates beside it show: unknown of other numbers, contradiction of rates that turn back."""
+
+
+def quaternion_direction(
+    time: Float[np.ndarray, " n"], q: Float[np.ndarray, "n 4"], rates: Float[np.ndarray, "n 3"]
+) -> Direction:
+    """Direction of a quaternion, scalar last, that rates in one unit beside it show.
+
+    Let D(q) be defined by q' = q (x) (0, D) / 2. If q maps from body to inertial axes, D(q) is the rate in body axes, and D(q*) is
+    minus that in inertial axes. If q maps the other way, the two change places. So rates in body axes are D(q) or D(q*). Rates that
+    are -D(q) are those in inertial axes of the other direction, or have the wrong signs.
+
+    Parameters
+    ----------
+    time : Float[np.ndarray, ' n']
+        In any unit.
+    q : Float[np.ndarray, 'n 4']
+        As read.
+    rates : Float[np.ndarray, 'n 3']
+        In any unit.
+    """
+    step = np.diff(time)[:, None]
+    if (
+        len(time) < _FEWEST
+        or not (step > 0).all()
+        or not np.isfinite(q).all()
+        or not np.isfinite(rates).all()
+    ):
+        return "unknown"
+    mean = 0.5 * (rates[1:] + rates[:-1]) * step
+    forth = _sign_of_fit(_turned(q), mean)
+    back = _sign_of_fit(_turned(q * (-1.0, -1.0, -1.0, 1.0)), mean)
+    if forth > 0 or (back < 0 and not forth):
+        return "to inertial"
+    if forth < 0:
+        return "contradiction"
+    return "to body" if back > 0 else "unknown"
+
+
+def _sign_of_fit(turned: Float[np.ndarray, "m 3"], mean: Float[np.ndarray, "m 3"]) -> int:
+    """Sign of the factor by which rotations are those of mean rates; 0 where no factor fits."""
+    size = float(np.sum(mean * mean))
+    if not size > 0:
+        return 0
+    scale = float(np.sum(mean * turned)) / size  # least squares of turned = scale mean
+    fits = float(np.linalg.norm(turned - scale * mean)) < _DERIVED * float(np.linalg.norm(turned))
+    return int(np.sign(scale)) if fits else 0
 
 
 def _turned(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "m 3"]:

@@ -21,7 +21,8 @@ def words(capsys: pytest.CaptureFixture[str]) -> str:
 def test_the_default_has_no_map_and_the_noise_of_the_thesis_and_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["compare", "--estimators", "mekf,smoother", "--seed", "1", "-o", str(tmp_path / "run")]) == 0
+    asked = ["--estimators", "mekf,smoother", "--seed", "1", "--verdict", "filter"]
+    assert main(["compare", *asked, "-o", str(tmp_path / "run")]) == 0
     said = words(capsys)
     assert "Map unknown. Seed 1." in said
     assert "pixels 1 px; disturbances: force 1e-06 (m/s^2)^2/Hz, torque 1e-06" in said

@@ -18,7 +18,8 @@ def test_a_wrong_inertia_loses_against_the_true_one(recordings: Path, tmp_path: 
     cad = tmp_path / "cad.toml"
     cad.write_text("principal_moments = [0.5, 0.9, 1.0]\n")
     run = tmp_path / "run"
-    asked = ["--estimators", "mekf", "--segment", "0:10", "--predict", "4", "-o", str(run)]
+    asked = ["--estimators", "mekf", "--verdict", "filter", "--segment", "0:10", "--predict", "4"]
+    asked += ["-o", str(run)]
     for more in ([], ["--resume"]):
         race = ["--race", f"mekf,truth,{cad}", *more]
         assert main(["compare", str(recordings / "stereo-tracks"), *asked, *race]) == 0

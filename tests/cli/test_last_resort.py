@@ -210,9 +210,10 @@ def test_what_a_finalizer_fails_of_reaches_the_hook_that_was_there(
 
 
 def test_a_broken_backend_of_pictures_does_no_harm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "spinfilters.cli.main", "condition", "-o", str(tmp_path / "c")]
+    drawn = ["threshold", "--mission", "orbital-express", "--rate-rpm", "0.2", "-o", str(tmp_path / "t")]
+    command = [sys.executable, "-m", "spinfilters.cli.main", *drawn]
     subprocess.run(command, env=os.environ | {"MPLBACKEND": "nonsense"}, check=True, capture_output=True)
-    assert (tmp_path / "c" / "condition.png").is_file()
+    assert list((tmp_path / "t").glob("*.png"))
 
 
 @pytest.fixture

@@ -51,14 +51,36 @@ REWRITINGS = (
     ),
     Rewriting("spinfilters reconstruct", "--voxels 64", "a coarser volume"),
     Rewriting("spinfilters align", "--scale 0.00014", "the body of those images"),
-    Rewriting("spinfilters compare toss", "--estimators mekf", "one estimator"),
+    Rewriting("spinfilters compare tosses", "--estimators mekf", "one estimator"),
+    Rewriting("spinfilters compare toss.csv", "--estimators mekf --no-figures", "one estimator"),
     Rewriting(
-        "spinfilters compare recording -o runs/explained", SMALL_RUN, "two estimators, whose tests it prints"
+        "spinfilters compare recording -o runs/explained",
+        f"{SMALL_RUN} --no-figures",
+        "two estimators, whose tests it prints",
+    ),
+    Rewriting(
+        "spinfilters compare recording -o runs/race", f"{SMALL_RUN} --verdict filter", "two estimators"
+    ),
+    Rewriting(
+        "spinfilters compare circling -o runs/converging",
+        "--estimators smoother --verdict filter",
+        "the estimator that converges",
     ),
     *(
-        Rewriting(f"spinfilters compare {name}", f"{SMALL_RUN} --verdict filter", "two estimators, few tests")
+        Rewriting(f"spinfilters compare {words}", "--estimators mekf --verdict filter", "one estimator")
+        for words in (
+            *("recording -o runs/mine --predict", "recording -o runs/against"),
+            "my-recording -o runs/mine --predict",
+        )
+    ),
+    *(
+        Rewriting(
+            f"spinfilters compare {name}",
+            f"{SMALL_RUN} --verdict filter --no-figures",
+            "two estimators, few tests, no figures, which other commands draw",
+        )
         for name in (
-            *("biased", "circling", "fusion", "my-recording", "recording"),
+            *("biased", "fusion", "my-recording", "recording"),
             *("runs/rates", "runs/tracked", "scans/tumble"),
         )
     ),
@@ -101,7 +123,10 @@ def added_to(command: str, change: Rewriting | None) -> str:
     """Arguments that a test adds to a command: a command that names its estimators keeps them."""
     if change is None or change.added is None:
         return ""
-    return change.added.replace(SMALL_RUN, "").strip() if "--estimators" in command else change.added
+    added = change.added
+    for option, words in (("--estimators", SMALL_RUN), ("--no-figures", "--no-figures")):
+        added = added.replace(words, "") if option in command else added
+    return " ".join(added.split())
 
 
 def arguments_of(command: str) -> list[str]:

@@ -14,6 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spinfilters.campaigns import filter_comparison
+from spinfilters.campaigns.dask_cluster import DaskCluster
+from spinfilters.campaigns.study import Study, study_from
 from spinfilters.cli.main import main, parser
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.lidar.mesh import TriangleMesh, box
@@ -21,6 +24,7 @@ from spinfilters.simulation.board_images import drawn_poses, write_board_images
 from spinfilters.simulation.image_sequence import ImageScenario, Imaging, example_rig, render
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.vision.calibration_images import Board
+from tests.campaigns.test_engine import InProcess
 from tests.docs.pasted_commands import (
     MODULE,
     PAGES,
@@ -57,6 +61,8 @@ DRAWN_STUDY = STUDY.replace('bound = "none"', 'bound = "none"\ninitialisation = 
     "gyro", "pose"
 )
 """For what begins all runs from drawn beliefs."""
+FEW_EPOCHS = 20
+"""Of a recording of a ready study."""
 SMALLEST_RUN = 1  # of a campaign of two runs: in place of run 1234
 
 
@@ -133,7 +139,34 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unrendered: None) -> Path:
+def small_studies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs of campaigns are made here, and recordings of ready studies are short: how Dask makes runs has tests of its own."""
+    whole = filter_comparison.ready_study
+
+    def short(name: str) -> Study:
+        """A ready study with few epochs of the first and the last level of what it varies, all estimators."""
+        document = dict(whole(name).document)
+        document["motion"] = {
+            title: {**motion, "epochs": FEW_EPOCHS} for title, motion in document["motion"].items()
+        }
+        document["factors"] = dict(document["factors"])
+        for factor, levels in document["factors"].items():
+            if factor != "estimator":
+                ends = document["factors"][factor] = [levels[0], levels[-1]]
+                if factor in document:
+                    document[factor] = {
+                        title: table for title, table in document[factor].items() if title in ("base", *ends)
+                    }
+        return study_from(document, name)
+
+    monkeypatch.setattr(filter_comparison, "ready_study", short)
+    monkeypatch.setattr(DaskCluster, "rows", lambda _, study, chunks: InProcess().rows(study, chunks))
+
+
+@pytest.fixture
+def place(
+    inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unrendered: None, small_studies: None
+) -> Path:
     """A folder of a page's own with the inputs, as the one where commands are run; figures are composed and not rendered.
 
     Pages share nothing, so that none depends on those which ran before it.
@@ -196,6 +229,10 @@ def _small(command: str) -> str | None:
         ("body.stl --scans", "body.stl --scale 0.001 --scans"),
         ("study.toml -o runs/study --batch", "drawn.toml -o runs/batch --batch"),
         ("study motions rates noise initial-error", "study noise initial-error"),
+        (
+            "reproduce tweddle-table-1.1 tweddle-figure-2 -o",
+            "reproduce tweddle-table-1.1 tweddle-figure-2-6 -o",
+        ),
     ):
         body = body.replace(old, new) if old else body
     return f"{body} {added_to(body, change)}".strip() + tail

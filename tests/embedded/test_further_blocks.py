@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,8 +57,8 @@ class Pair:
         for estimator in (self.ours, self.theirs):
             estimator.start(Gaussian(self.layout, mean, np.diag(std)))
 
-    def run(self, epochs: int) -> None:
-        """Predict and update both with the same noisy values of the true motion."""
+    def run(self, epochs: int, estimators: Sequence[EmbeddedFilter | MultiplicativeEkf] = ()) -> None:
+        """Predict and update both, or these alone, with the same noisy values of the true motion."""
         assert self.sensor.example is not None
         model = self.model
         for _ in range(epochs):
@@ -65,7 +66,7 @@ class Pair:
             exact = model.predict(self.truth, self.sensor.example)
             noise = np.array(self.sensor.example_std) * self.rng.normal(size=len(exact))
             value = self.sensor.normalised(exact + noise)
-            for estimator in (self.ours, self.theirs):
+            for estimator in estimators or (self.ours, self.theirs):
                 estimator.predict(INTERVAL)
                 if self.walk and estimator is self.theirs:
                     self._walk()
@@ -110,7 +111,7 @@ def test_bias_and_acceleration_are_found_within_their_deviations(real: Real, see
     vague = replace(BIASED, gyro_bias_std=0.05)
     for options, block, prior in ((vague, "b", 0.05), (PULLED, "f", STD["f"])):
         pair = Pair(replace(options, real=real), seed)
-        pair.run(300)
+        pair.run(300, [pair.ours])
         error, std = pair.error(block)
         assert np.abs(error).max() < 4
         assert std.max() < prior / 2

@@ -1,5 +1,6 @@
 """Recordings of consoles, rapid prototyping systems and reconstructions, and bags with several kinds of messages."""
 
+import itertools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,19 @@ def array_of_stated_order(folder: Path) -> Path:
     path = folder / "run.npz"
     np.savez(path, time=TIME, position=PLACE, quat_wxyz=WXYZ)
     return path
+
+
+def rigid_transformations(folder: Path) -> Path:
+    whole = np.tile(np.eye(4), (COUNT, 1, 1))
+    whole[:, :3, :3], whole[:, :3, 3] = Rotation.from_quat(TURN).as_matrix(), PLACE
+    np.savez(folder / "poses.npz", timestamps=TIME, T_world_body=whole)
+    return folder / "poses.npz"
+
+
+def rotations_of_matlab(folder: Path) -> Path:
+    turned = np.moveaxis(Rotation.from_quat(TURN).as_matrix(), 0, -1)
+    savemat(folder / "turn.mat", {"time": TIME[:, None], "R_IB": turned})
+    return folder / "turn.mat"
 
 
 def timeseries_of_one_clock(folder: Path) -> Path:
@@ -116,7 +130,15 @@ def colmap(folder: Path) -> Path:
 @pytest.mark.parametrize(
     "made",
     [
-        *(array_of_stated_order, timeseries_of_one_clock, yaml_documents, ulog2csv_folder, controldesk),
+        *(
+            rigid_transformations,
+            rotations_of_matlab,
+            array_of_stated_order,
+            timeseries_of_one_clock,
+            yaml_documents,
+            ulog2csv_folder,
+            controldesk,
+        ),
         *(zephyr_console, grafana, mcap_as_json, simulator_42, line_protocol, colmap),
     ],
 )
@@ -249,3 +271,105 @@ def test_twists_that_a_tracker_derives_are_left_out_beside_its_poses(tmp_path: P
     )
     with pytest.raises(InputError, match="several topics that are read; give --topic"):
         spinfilters.load(other)
+
+
+def tumbling() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Attitudes, scalar last, body rates, and rates in inertial axes, of a body that turns about all axes."""
+    time = 0.01 * np.arange(200)
+    rates = np.column_stack([np.sin(time), 1.0 + 0.0 * time, np.cos(2 * time)])
+    turned = Rotation.identity()
+    held = [turned]
+    for before, after in itertools.pairwise(rates):
+        turned = turned * Rotation.from_rotvec(0.005 * (before + after))
+        held.append(turned)
+    turns = Rotation.concatenate(held)
+    return turns.as_quat(), rates, turns.apply(rates)
+
+
+def table_of(
+    path: Path, q: np.ndarray, rates: np.ndarray, names: str = "time_s,qx,qy,qz,qw,wx,wy,wz"
+) -> Path:
+    rows = np.column_stack([0.01 * np.arange(len(q)), q, rates])
+    return text(path, f"{names}\n" if names else "", [[f"{value:.9f}" for value in row] for row in rows])
+
+
+CONJUGATE = (-1.0, -1.0, -1.0, 1.0)
+
+
+def test_a_quaternion_to_body_axes_is_turned_round_where_body_rates_show_it(tmp_path: Path) -> None:
+    q, rates, _ = tumbling()
+    straight = spinfilters.load(table_of(tmp_path / "straight.csv", q, rates))
+    turned = spinfilters.load(table_of(tmp_path / "turned.csv", q * CONJUGATE, rates))
+    np.testing.assert_allclose(
+        turned.log.stream("attitude").values, straight.log.stream("attitude").values, atol=1e-8
+    )
+    assert "maps from inertial to body axes" in turned.description
+    assert "maps from inertial to body axes" not in straight.description
+
+
+def test_rates_in_inertial_axes_do_not_turn_a_quaternion_round(tmp_path: Path) -> None:
+    q, _, inertial = tumbling()
+    read = spinfilters.load(table_of(tmp_path / "rates.csv", q, inertial))
+    np.testing.assert_allclose(read.log.stream("attitude").values, q, atol=1e-8)
+
+
+def test_rates_that_turn_back_are_refused_beside_a_quaternion(tmp_path: Path) -> None:
+    q, rates, inertial = tumbling()
+    for name, other in (("signs.csv", (q, -rates)), ("spice.csv", (q * CONJUGATE, inertial))):
+        path = table_of(tmp_path / name, *other)
+        with pytest.raises(
+            InputError, match=f"{name}: its rates are minus the derivative of its quaternion"
+        ) as refused:
+            spinfilters.load(path)
+        cure = "time_s,qx,qy,qz,qw,-,-,-"
+        assert f"--columns {cure} (Python" in str(refused.value)
+        np.testing.assert_allclose(
+            spinfilters.load(path, columns=cure).log.stream("attitude").values, other[0], atol=1e-8
+        )
+
+
+def test_no_names_are_proposed_that_would_take_a_quaternion_the_wrong_way(tmp_path: Path) -> None:
+    q, rates, inertial = tumbling()
+    for name, other in (("body.csv", (q * CONJUGATE, rates)), ("spice.csv", (q * CONJUGATE, inertial))):
+        with pytest.raises(InputError, match="is no header") as refused:
+            spinfilters.load(table_of(tmp_path / name, *other, names=""))
+        assert "qw" not in str(refused.value)
+
+
+def test_the_order_that_an_attribute_states_is_taken(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        group = file.create_group("target/pose")
+        group["time_s"], group["position_m"], group["orientation"] = TIME, PLACE, WXYZ
+        group["orientation"].attrs["order"] = "wxyz"
+    dataset = spinfilters.load(tmp_path / "run.h5")
+    assert dataset.kind == "pose"
+    require_motion(dataset)
+
+
+def test_an_annotated_table_of_influxdb_is_read_by_its_own_clock(tmp_path: Path) -> None:
+    head = "#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,double,string,string\n"
+    head += ",result,table,_start,_time,_value,_field,_measurement\n"
+    rows = [
+        (
+            "",
+            "",
+            k,
+            "2024-01-01T00:00:00Z",
+            f"2024-01-01T01:00:{time:09.6f}Z",
+            value,
+            f"gyro_{axis}_rad_s",
+            "imu",
+        )
+        for k, axis in enumerate(NAMES)
+        for time, value in zip(TIME, map(float, RATES[:, k]), strict=True)
+    ]
+    require_motion(spinfilters.load(text(tmp_path / "query.csv", head, rows)))
+
+
+@pytest.mark.parametrize("name", ["T_body_world", "dcm", "C_BN", "R_b_w", "T_cw", "extrinsics"])
+def test_matrices_that_may_map_to_the_body_are_refused(name: str, tmp_path: Path) -> None:
+    turned = Rotation.from_quat(TURN).as_matrix()
+    np.savez(tmp_path / "run.npz", **{"time": TIME, name: turned})
+    with pytest.raises(InputError, match=f"array '{name}' may map from inertial to body axes; save its"):
+        spinfilters.load(tmp_path / "run.npz")

@@ -92,6 +92,7 @@ def test_every_picture_of_a_history_that_is_not_finite_is_drawn(
         assert not [text for text in replaced if "cannot be drawn" in text]
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_picture_that_raises_is_replaced_by_a_note_and_the_others_are_drawn(
     comparisons: dict[str, Comparison], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -67,7 +67,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @dataclass(frozen=True)
-class Aligned:
+class AlignedModel:
     """What the command prints, and the file that it writes."""
 
     printed: str
@@ -75,16 +75,16 @@ class Aligned:
 
 
 @pytest.fixture(scope="module")
-def aligned(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Aligned:
+def aligned(run: Path, tmp_path_factory: pytest.TempPathFactory) -> AlignedModel:
     """The model of the run on its shape in mm."""
     shape = write_mesh(tmp_path_factory.mktemp("shapes") / "body.ply", l_shape().scaled(1000.0))
     with redirect_stdout(StringIO()) as printed:
         assert main(["align", str(run), str(shape), "--scale", "0.001"]) == 0
     told = json.loads((run / "reconstruction" / "alignment.json").read_text())
-    return Aligned(printed.getvalue(), told)
+    return AlignedModel(printed.getvalue(), told)
 
 
-def test_a_model_is_put_on_its_shape_from_any_rotation(run: Path, aligned: Aligned) -> None:
+def test_a_model_is_put_on_its_shape_from_any_rotation(run: Path, aligned: AlignedModel) -> None:
     told = aligned.told
     assert "centre of mass in the axes of the shape: x 1" in aligned.printed
     assert (run / "reconstruction" / "alignment.png").stat().st_size > 1000
@@ -100,7 +100,7 @@ def test_a_model_is_put_on_its_shape_from_any_rotation(run: Path, aligned: Align
     assert (np.deg2rad(told["rotation_std_deg"]) >= 0.99 * own).all()
 
 
-def test_the_place_of_frame_g_in_the_shape_is_stated(run: Path, aligned: Aligned) -> None:
+def test_the_place_of_frame_g_in_the_shape_is_stated(run: Path, aligned: AlignedModel) -> None:
     told = aligned.told
     body = read_figure_data(run).evaluations[0].body
     assert body.center_of_mass_g is not None
