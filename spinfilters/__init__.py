@@ -5,9 +5,10 @@ A first look, from a file of gyro rates to a picture::
     run = spinfilters.compare("gyro.csv")  # seconds and rad/s
     run.figure("summary").savefig("summary.png")
 
-Everything public is here, and is loaded when it is first asked for: `load` and `simulate` give data sets, `compare` runs estimators
-on one and gives a `Run`, which `load_run` reads from its folder again, `campaign` runs a study of thousands, `observe` says what a
-sensor can determine and `observe_recording` what a recording can; `read_mesh` and `mass_properties` are for bodies of known shape.
+Everything public is here, and is loaded when it is first asked for: `load` and `simulate` give data sets, which `save` writes,
+`compare` runs estimators on one and gives a `Run`, which `load_run` reads from its folder again, `campaign` runs a study of
+thousands, `observe` says what a sensor can determine and `observe_recording` what a recording can; `read_mesh` and
+`mass_properties` are for bodies of known shape.
 What cannot be used raises `InputError`, whose text is one line that names the value and the cure.
 """
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from spinfilters.api.campaign_frames import campaign
     from spinfilters.api.comparison import EstimatorResult, Run, compare, load_run
     from spinfilters.api.recorded_observability import observe_recording
-    from spinfilters.api.recordings import load
+    from spinfilters.api.recordings import load, save
     from spinfilters.api.simulation import simulate
     from spinfilters.io.dataset import Dataset
     from spinfilters.lidar.mesh import mass_properties, read_mesh
@@ -69,6 +70,7 @@ __all__ = [
     "observe",
     "observe_recording",
     "read_mesh",
+    "save",
     "simulate",
 ]
 
@@ -86,6 +88,7 @@ _MODULES = {
     "observe": "spinfilters.api.analysis",
     "observe_recording": "spinfilters.api.recorded_observability",
     "read_mesh": "spinfilters.lidar.mesh",
+    "save": "spinfilters.api.recordings",
     "simulate": "spinfilters.api.simulation",
 }
 """Where each public name comes from."""

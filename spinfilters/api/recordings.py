@@ -1,5 +1,6 @@
-"""Data sets read from files, or from tables in memory."""
+"""Data sets read from files or from tables in memory, and written."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ from spinfilters.io.argument_checks import (
     is_path,
     one_of,
     optional,
+    path,
     refuse,
     text,
 )
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.io.dataset_reader import IMAGES, has_images
 from spinfilters.io.input_file import value_text
 from spinfilters.io.stated_values import RATE_UNITS, ReadingOptions
@@ -123,3 +126,32 @@ def _in_memory(table: Any, kind: str | None, options: ReadingOptions, segment: i
     if options.unit is not None:
         units["rate" if options.unit in RATE_UNITS else "position"] = options.unit
     return Dataset.from_dataframe(table, kind, units=units or None, rate=options.rate)
+
+
+@checked_arguments(
+    dataset=one_of(Dataset, cure="a data set, as load and simulate return it"),
+    folder=path("a folder"),
+)
+def save(dataset: Dataset, folder: str | os.PathLike[str]) -> Path:
+    """Write a data set as a folder, which ``load`` and ``spinfilters compare`` read.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        With its truth, map and inspector, where it has these.
+    folder : str or os.PathLike
+        New, or of an earlier data set with the same files, which is replaced.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        Disk full or no permission; a folder with a file that is not of this data set but would be read as part of it.
+    """
+    written = Path(folder)
+    write_dataset(dataset, written)
+    return written

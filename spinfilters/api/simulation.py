@@ -6,6 +6,7 @@ from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import called, checked_arguments, optional, three_numbers, truth
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.models.sensor_registry import has_error
 from spinfilters.models.state_blocks import GYRO_BIAS as BIAS_BLOCK
@@ -26,12 +27,13 @@ def simulate(
     moments: Sequence[float] = Scenario.principal_moments,
     known_map: bool = False,
     gyro_bias: Sequence[float] | None = None,
+    noise: Mapping[str, float] | None = None,
     inspector: str = Scenario.inspector,
     inspector_errors: Mapping[str, float] | None = None,
     beside: Mapping[str, float] | None = None,
     progress: Progress = silent,
 ) -> Dataset:
-    """Simulated data set with truth, as ``spinfilters simulate`` writes it; body, camera, noise and disturbances are the thesis'.
+    """Simulated data set with truth, as ``spinfilters simulate`` writes it; body, camera and default noise are the thesis'.
 
     Parameters
     ----------
@@ -52,6 +54,10 @@ def simulate(
         Whether the data set gives the landmarks' positions; of tracks only.
     gyro_bias : sequence of 3 floats or None
         Constant error of a gyro's rates, g axes, rad/s; of that kind only.
+    noise : Mapping[str, float] or None
+        True noise levels by the names of their settings: standard deviations of the sensors that are simulated, such as
+        ``{"gyro_noise_std": 0.01}``, and densities of disturbances, ``force_psd`` (m/s^2)^2/Hz and ``torque_psd`` (rad/s^2)^2/Hz.
+        Others have their defaults. The data set states all of them.
     inspector : str
         "static", or how the camera moves on a known trajectory: "circle" about the body, "sway", or "dead-band" of thrusters that
         fire at the edges of one; of tracks only.
@@ -86,6 +92,7 @@ def simulate(
         inspector_errors=tuple((inspector_errors or {}).items()),
         beside=others,
         gyro_bias=Scenario.gyro_bias if gyro_bias is None else _triple(gyro_bias),
+        sensor_noise=tuple((noise or {}).items()),
         seed=seed,
     )
     return simulated_dataset(scenario, known_map, progress)
@@ -97,9 +104,10 @@ def simulated_dataset(scenario: Scenario, known_map: bool, progress: Progress) -
     Raises
     ------
     InputError
-        More than 100 revolutions between epochs, a map or a bias without a sensor that has one.
+        More than 100 revolutions between epochs, a map, a bias or a noise level without a sensor that has one.
     """
     scenario.require_slow()
+    _require_levels(scenario)
     seeing = [name for name, form in dataset_kinds().items() if form.has_landmarks]
     if known_map and not any(each in seeing for each in scenario.kinds):
         raise InputError(f"a known map is for the kinds {' and '.join(seeing)}; a {scenario.kind} has no map")
@@ -107,6 +115,15 @@ def simulated_dataset(scenario: Scenario, known_map: bool, progress: Progress) -
         _require_gyro(scenario.kinds)
     dataset = simulate_scenario(scenario, progress)
     return dataset if known_map else without_map(dataset)
+
+
+def _require_levels(scenario: Scenario) -> None:
+    """InputError: a noise level of a sensor that is not simulated."""
+    known = [option.name for kind in scenario.kinds for option in dataset_kinds()[kind].noise]
+    for name, _ in scenario.sensor_noise:
+        if name not in known:
+            levels = ", ".join([*known, *DENSITIES])
+            raise InputError(f"noise {name} is of no sensor of this recording; give one of {levels}")
 
 
 def _require_gyro(kinds: Sequence[str]) -> None:

@@ -97,7 +97,8 @@ class Scenario:
     pixel_std, position_std, rotation_std, gyro_std : float
         Standard deviations of the sensors' white noise: px, m, rad, rad/s.
     sensor_noise : tuple[tuple[str, float], ...]
-        Option and true value of noise options (`spinfilters.io.sensor_format.noise_options`) that differ from these.
+        Option and true value of noise options (`spinfilters.io.sensor_format.noise_options`) that differ from these. Densities of
+        disturbances (`spinfilters.io.disturbances.DENSITIES`) may be among them, and go into ``noise``.
     gyro_bias : tuple[float, float, float]
         Constant error of the gyro's rates, g axes, rad/s.
     noise : ProcessNoise
@@ -162,7 +163,17 @@ class Scenario:
     position_std: Annotated[float, StudyKey("noise", "position_std_m", STD)] = 0.005
     rotation_std: Annotated[float, StudyKey("noise", "rotation_std_rad", STD)] = 0.01
     gyro_std: Annotated[float, StudyKey("noise", "gyro_std_rad_s", STD)] = 0.002
-    sensor_noise: tuple[tuple[str, float], ...] = ()
+    sensor_noise: Annotated[
+        tuple[tuple[str, float], ...],
+        Argument(
+            "a noise level by the name of its setting: standard deviation of a sensor, such as gyro_noise_std 0.01, or density of "
+            "a disturbance, such as torque_psd 1e-7; may be repeated",
+            name="noise",
+            flag="--noise",
+            metavar=("NAME", "LEVEL"),
+            cure="its level as a number, such as 0.01",
+        ),
+    ] = ()
     gyro_bias: Annotated[
         Bias,
         GYRO_BIAS,
@@ -209,6 +220,7 @@ class Scenario:
         object.__setattr__(self, "kind", kind_called(self.kind))
         object.__setattr__(self, "beside", tuple((kind_called(kind), step) for kind, step in self.beside))
         self._require_kinds()
+        self._move_densities()
         if self.epochs < 2 or not self.interval > 0:
             raise InputError(
                 f"a scenario of {self.epochs} epochs at {self.interval} s; give at least 2 epochs and a positive interval"
@@ -223,6 +235,16 @@ class Scenario:
             raise InputError(
                 f"the body of radius {self.radius_m} m must lie in front of the camera, range_m is {self.range_m} m"
             )
+
+    def _move_densities(self) -> None:
+        """Densities that are given with the levels of sensors, to those of the disturbances."""
+        from spinfilters.io.disturbances import DENSITIES
+
+        own = {name: level for name, level in self.sensor_noise if name in DENSITIES}
+        if own:
+            rest = tuple((name, level) for name, level in self.sensor_noise if name not in own)
+            object.__setattr__(self, "noise", replace(self.noise, **own))
+            object.__setattr__(self, "sensor_noise", rest)
 
     def _require_kinds(self) -> None:
         """InputError: an unknown kind, one twice, an interval that is not positive, two sensors of landmarks."""

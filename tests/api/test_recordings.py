@@ -9,6 +9,7 @@ import pytest
 
 import spinfilters
 from spinfilters.cli.main import main
+from spinfilters.core.errors import InputError
 
 RACQUET = "round2/Gyroscope rotation rate 2025-01-23 18-29-01"
 
@@ -22,6 +23,42 @@ def test_the_command_writes_what_python_simulates(kind: str, tmp_path: Path) -> 
     (there,), (here,) = written.log.streams, made.log.streams
     np.testing.assert_array_equal(there.values, here.values)
     assert written.description == made.description
+
+
+def test_noise_is_simulated_as_asked_and_stated(tmp_path: Path) -> None:
+    levels = {"gyro_noise_std": 0.5, "torque_psd": 0.0, "force_psd": 2e-6}
+    arguments = [word for name, level in levels.items() for word in ("--noise", name, str(level))]
+    folder = tmp_path / "set"
+    assert main(["simulate", "--kind", "gyro", "--frames", "400", *arguments, "-o", str(folder)]) == 0
+    made = spinfilters.simulate("gyro", frames=400, noise=levels)
+    assert made.truth is not None
+    assert made.truth.rate_i is not None
+    (there,), (here,) = spinfilters.load(folder).log.streams, made.log.streams
+    np.testing.assert_array_equal(there.values, here.values)
+    assert "gyro_noise_std = 0.5" in (folder / "dataset.toml").read_text()
+    assert made.options.sensor_noise == {"gyro_noise_std": 0.5}
+    assert made.options.densities == {"force_psd": 2e-6}
+    # the rate is 1.05 rad/s, whose square the noise adds to
+    spread = np.mean(np.sum(here.values**2, axis=1)) - np.mean(np.sum(made.truth.rate_i**2, axis=1))
+    assert spread == pytest.approx(3 * 0.5**2, rel=0.15)
+
+
+def test_noise_of_a_sensor_that_is_not_simulated_is_refused() -> None:
+    with pytest.raises(
+        InputError, match="pixel_std is of no sensor of this recording; give one of gyro_noise_std"
+    ):
+        spinfilters.simulate("gyro", frames=2, noise={"pixel_std": 1.0})
+
+
+@pytest.mark.parametrize("kind", ["gyro", "stereo-tracks"])
+def test_a_saved_data_set_is_loaded_as_it_was(kind: str, tmp_path: Path) -> None:
+    made = spinfilters.simulate(kind, frames=4, known_map=kind != "gyro")
+    found = spinfilters.load(spinfilters.save(made, tmp_path / "set"))
+    assert found.options == made.options
+    np.testing.assert_array_equal(found.log.streams[0].values, made.log.streams[0].values)
+    assert (found.truth is None, found.known_map is None) == (False, kind == "gyro")
+    with pytest.raises(InputError, match=r"tracks\.csv|gyro\.csv"):
+        spinfilters.save(spinfilters.simulate("pose", frames=4), tmp_path / "set")
 
 
 def test_the_map_of_simulated_tracks_is_told_on_request() -> None:

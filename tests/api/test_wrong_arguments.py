@@ -53,6 +53,7 @@ def but_none(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 RECORDING = Path("no-such-recording.csv")
 """Would be complained of, were it looked for."""
+SIMULATED = spinfilters.simulate("gyro", frames=2)
 WRONG: dict[str, tuple[Callable[..., object], dict[str, tuple[Any, ...]]]] = {
     "load": (
         lambda **given: spinfilters.load(**(dict[str, Any](path=RECORDING) | given)),
@@ -91,6 +92,10 @@ WRONG: dict[str, tuple[Callable[..., object], dict[str, tuple[Any, ...]]]] = {
         },
     ),
     "load_run": (spinfilters.load_run, {"folder": NO_PATH}),
+    "save": (
+        lambda **given: spinfilters.save(**(dict[str, Any](dataset=SIMULATED, folder="unwritten") | given)),
+        {"dataset": (None, 3, "gyro", b"", [], {}, object()), "folder": NO_PATH},
+    ),
     "simulate": (
         spinfilters.simulate,
         {
@@ -103,6 +108,7 @@ WRONG: dict[str, tuple[Callable[..., object], dict[str, tuple[Any, ...]]]] = {
             "known_map": NO_TRUTH,
             "gyro_bias": but_none(NO_THREE),
             "inspector": NO_TEXT,
+            "noise": NO_MAPPING,
             "beside": NO_MAPPING,
             "progress": NO_FUNCTION,
         },
@@ -193,6 +199,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
         "moments": [np.int32(1), np.float32(1.25), np.longdouble(1.5)],
         "gyro_bias": (np.float16(0.5), np.array(0.25), 0),
         "beside": {"pose": np.float32(0.5)},
+        "noise": {"gyro_noise_std": np.float32(0.25)},
     }
     plain: dict[str, Any] = {
         "seed": 3,
@@ -202,6 +209,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
         "moments": [1, 1.25, 1.5],
         "gyro_bias": [0.5, 0.25, 0],
         "beside": {"pose": 0.5},
+        "noise": {"gyro_noise_std": 0.25},
     }
     given, expected = spinfilters.simulate("gyro", **numbers), spinfilters.simulate("gyro", **plain)
     assert given.options == expected.options
@@ -233,7 +241,7 @@ def test_an_error_of_an_inspector_beyond_any_use_is_refused_before_it_is_simulat
     ("call", "what"),
     [
         (lambda: spinfilters.simulate("folder", kind="pose"), "kind"),  # pyright: ignore[reportCallIssue]
-        (lambda: spinfilters.simulate(noise={}), "noise"),  # pyright: ignore[reportCallIssue]
+        (lambda: spinfilters.simulate(shape={}), "shape"),  # pyright: ignore[reportCallIssue]
     ],
 )
 def test_an_argument_that_does_not_fit_is_named_with_the_function_and_its_arguments(

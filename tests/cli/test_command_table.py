@@ -176,7 +176,7 @@ def test_names_of_arguments_are_unique_and_each_has_a_help(command: Command[Any]
 
 
 PYTHON: dict[str, tuple[type, set[str]]] = {
-    "simulate": (Scenario, {"gyro_bias", "inspector_errors", "beside"}),
+    "simulate": (Scenario, {"gyro_bias", "noise", "inspector_errors", "beside"}),
     "observe": (ObserveArguments, {"sensors"}),
     "compare": (RunArguments, set()),
     "campaign": (CampaignArguments, set()),
@@ -194,7 +194,7 @@ def test_a_python_function_has_the_arguments_and_defaults_of_its_record(name: st
         assert each.name in written_otherwise or parameters[each.name].default == each.default
 
 
-@pytest.mark.parametrize("name", [*PYTHON, "load_run"])
+@pytest.mark.parametrize("name", [*PYTHON, "load_run", "save"])
 def test_its_docstring_has_a_row_for_each_argument(name: str) -> None:
     function = getattr(spinfilters, name)
     lines = (inspect.getdoc(function) or "").splitlines()

@@ -90,9 +90,10 @@ def _simulate_images(options: SimulateArguments, folder: Path) -> int:
     from spinfilters.simulation.image_sequence import IMAGE_RADIUS_M, ImageScenario, render
 
     scenario = options.scenario
-    if options.known_map or any(scenario.gyro_bias) or scenario.inspector_errors:
+    if options.known_map or any(scenario.gyro_bias) or scenario.inspector_errors or scenario.sensor_noise:
         raise InputError(
-            f"--known-map, --gyro-bias, --beside and --inspector-error are not for --kind {IMAGE_KIND}; leave them out"
+            f"--known-map, --gyro-bias, --noise of a sensor, --beside and --inspector-error are not for --kind {IMAGE_KIND}; "
+            "leave them out"
         )
     images = ImageScenario(
         replace(scenario, radius_m=IMAGE_RADIUS_M),
