@@ -50,7 +50,11 @@ def checked_arguments(*records: type, **checks: Check) -> Callable[[Callable[P, 
         @wraps(function)
         def checked(*args: P.args, **kwargs: P.kwargs) -> T:
             """The call, its arguments checked."""
-            bound = signature.bind(*args, **kwargs)
+            try:
+                bound = signature.bind(*args, **kwargs)
+            except TypeError as error:  # named and answered as by a function without checks
+                taken = ", ".join(signature.parameters)
+                raise TypeError(f"{function.__name__}(): {error}; its arguments are {taken}") from None
             for name, value in bound.arguments.items():
                 if name in every:
                     bound.arguments[name] = plain_numbers(value)

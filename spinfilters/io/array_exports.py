@@ -585,7 +585,7 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
         raise InputError(
             f"{path_text(path)}: holds one array of {shape[0]} x {shape[1]} numbers without names; {how_to_name(rows)}"
         )
-    columns: dict[str, np.ndarray] = {}
+    columns: dict[str, np.ndarray] = _of_matrices(path, arrays)
     for name, held in arrays.items():
         try:
             array: np.ndarray = np.asarray(held)
@@ -640,6 +640,52 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
 
 _WIDEST: Final = 16
 """Numbers of a row of an array that may have names of their own."""
+_MATRICES: Final = ((3, 3), (3, 4), (4, 4))
+_TO_BODY: Final = re.compile(
+    r"dcm|inv|view|extrinsic|(?<![a-z])[bc]_?(?:n|i|w|wi|eci|world)(?![a-z])|(?:body|cam(?:era)?)_?(?:from|world|inertial|n)",
+    re.IGNORECASE,
+)
+"""Within the name of a matrix that maps to the body, or may do so."""
+_DIGITS: Final = 1e-3
+"""Of R R', which the digits of a text cause at most."""
+
+
+def _of_matrices(path: Path, arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Elements by name of the only array of rotations, or of rigid transformations, from body to inertial axes; none of others.
+
+    InputError: a matrix that may map to the body, and no other array of a motion.
+    """
+    found: dict[str, np.ndarray] = {}
+    for name, held in arrays.items():
+        if np.ndim(held) != 3 or np.asarray(held).dtype.kind != "f":
+            continue
+        array: Any = np.asarray(held)
+        if array.shape[1:] not in _MATRICES and array.shape[:2] in _MATRICES:
+            array = np.moveaxis(array, -1, 0)  # as MATLAB users keep them
+        R = array[:, :3, :3]
+        if (
+            array.shape[1:] not in _MATRICES
+            or not (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)) < _DIGITS).all()
+        ):
+            continue
+        if _TO_BODY.search(name) and not any(map(_is_rate_or_quaternion, arrays)):
+            raise InputError(
+                f"{path_text(path)}: array {value_text(name)} may map from inertial to body axes; save its transposes as R_IB, or "
+                "its inverses as T_IB, which map from body to inertial axes"
+            )
+        if found or _TO_BODY.search(name) or (np.linalg.det(R) < 0).any():
+            return {}
+        _, rows, columns = array.shape
+        found = {f"T_{i}{j}": array[:, i, j] for i in range(rows) for j in range(columns)}
+    return found
+
+
+def _is_rate_or_quaternion(name: str) -> bool:
+    """Whether an array is called as a vector of rates or a quaternion."""
+    named = [name, *(f"{name}_{axis}" for axis in "xw")]
+    return any(
+        found.quantity in ("rate", "quaternion") for each in named if (found := heading_of(each)) is not None
+    )
 
 
 def _rows_of(array: Any) -> np.ndarray:

@@ -227,3 +227,19 @@ def test_an_error_of_an_inspector_beyond_any_use_is_refused_before_it_is_simulat
 ) -> None:
     with pytest.raises(InputError, match=f"inspector error {next(iter(error))} of size .*; give a size of"):
         spinfilters.simulate(frames=10, inspector="dead-band", inspector_errors=error)
+
+
+@pytest.mark.parametrize(
+    ("call", "what"),
+    [
+        (lambda: spinfilters.simulate("folder", kind="pose"), "kind"),  # pyright: ignore[reportCallIssue]
+        (lambda: spinfilters.simulate(noise={}), "noise"),  # pyright: ignore[reportCallIssue]
+    ],
+)
+def test_an_argument_that_does_not_fit_is_named_with_the_function_and_its_arguments(
+    call: Callable[[], object], what: str
+) -> None:
+    with pytest.raises(
+        TypeError, match=rf"^simulate\(\): .*'{what}'.*; its arguments are kind, seed, frames"
+    ):
+        call()

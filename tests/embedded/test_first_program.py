@@ -30,9 +30,9 @@ def built(folder: Path, *options: str) -> str:
     return str(folder / "spinfilter_main")
 
 
-def rows_of(program: str, text: str | None = None) -> list[dict[str, float]]:
-    """What a program prints, as numbers by column; with a text that is its standard input."""
-    command = [program] if text is None else [program, "-"]
+def rows_of(program: str, text: str | None = None, *time: str) -> list[dict[str, float]]:
+    """What a program prints, as numbers by column; with a text that is its standard input, from a start state of that time."""
+    command = [program] if text is None else [program, "-", *time]
     done = subprocess.run(command, input=text or "", capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return [
@@ -75,6 +75,37 @@ def test_rates_from_standard_input_give_a_filter_that_follows_them(gyro_program:
     rows = rows_of(gyro_program, "time_s,wx,wy,wz\n" + "\n".join(lines) + "\n")
     assert [row["time_s"] for row in rows] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
     assert rows[-1]["wy"] == pytest.approx(1.05, abs=0.02)
+
+
+@needs_compiler
+def test_from_a_stated_time_earlier_rows_are_skipped_and_the_first_later_one_is_predicted(
+    gyro_program: str,
+) -> None:
+    lines = [f"{0.1 * k:.3f}, 0.1, 1.05, 0.05" for k in range(5)]
+    text = "time_s,wx,wy,wz\n" + "\n".join(lines) + "\n"
+    later = rows_of(gyro_program, text, "0.2")
+    assert [row["time_s"] for row in later] == pytest.approx([0.3, 0.4])
+    undelayed = rows_of(gyro_program, "\n".join(lines[3:]) + "\n")
+    turned = [
+        2 * np.arccos(abs(sum(a[q] * b[q] for q in ("qx", "qy", "qz", "qw"))))
+        for a, b in zip(later[:1], undelayed[:1], strict=True)
+    ]
+    assert turned[0] == pytest.approx(0.1 * np.linalg.norm([0.1, 1.05, 0.05]), rel=0.05)
+
+
+@needs_compiler
+@pytest.mark.parametrize("arguments", [["-", "x"], ["-", "inf"], ["-", "1s"], ["-", "1", "2"], ["1"]])
+def test_an_argument_of_no_use_is_answered_with_the_usage(gyro_program: str, arguments: list[str]) -> None:
+    done = subprocess.run([gyro_program, *arguments], input="", capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("usage: ")
+
+
+@needs_compiler
+def test_rows_that_all_precede_the_stated_time_are_refused(gyro_program: str) -> None:
+    done = subprocess.run([gyro_program, "-", "9"], input="1,0.1,1,0.05\n", capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "later than the start state" in done.stderr
 
 
 @needs_compiler

@@ -1,6 +1,7 @@
 """The Cramer-Rao bound beside the errors of a run."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from io import StringIO
@@ -28,9 +29,19 @@ from spinfilters.run.preparation import prepare
 from spinfilters.run.run_folder import write_run
 from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
+from spinfilters.smoother import mass_posterior
 
 SETTINGS = Settings(estimators=("mekf", "smoother"), verdict=FILTER)
 TRACKS = Scenario.simplified(rate_rpm=RICH_RPM, epochs=40, landmarks=100)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_samples() -> Iterator[None]:
+    """Of mass distributions, which a bound does not look at."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, number in (("SAMPLES", 40), ("TRIED", 40), ("MOST_NODES", 1)):
+            patch.setattr(mass_posterior, name, number)
+        yield
 
 
 def silent(*_: object) -> None:

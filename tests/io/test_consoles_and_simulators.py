@@ -25,6 +25,19 @@ def array_of_stated_order(folder: Path) -> Path:
     return path
 
 
+def rigid_transformations(folder: Path) -> Path:
+    whole = np.tile(np.eye(4), (COUNT, 1, 1))
+    whole[:, :3, :3], whole[:, :3, 3] = Rotation.from_quat(TURN).as_matrix(), PLACE
+    np.savez(folder / "poses.npz", timestamps=TIME, T_world_body=whole)
+    return folder / "poses.npz"
+
+
+def rotations_of_matlab(folder: Path) -> Path:
+    turned = np.moveaxis(Rotation.from_quat(TURN).as_matrix(), 0, -1)
+    savemat(folder / "turn.mat", {"time": TIME[:, None], "R_IB": turned})
+    return folder / "turn.mat"
+
+
 def timeseries_of_one_clock(folder: Path) -> Path:
     series = {"Time": TIME[:, None], "TimeInfo": {"Units": "seconds"}}
     savemat(
@@ -117,7 +130,15 @@ def colmap(folder: Path) -> Path:
 @pytest.mark.parametrize(
     "made",
     [
-        *(array_of_stated_order, timeseries_of_one_clock, yaml_documents, ulog2csv_folder, controldesk),
+        *(
+            rigid_transformations,
+            rotations_of_matlab,
+            array_of_stated_order,
+            timeseries_of_one_clock,
+            yaml_documents,
+            ulog2csv_folder,
+            controldesk,
+        ),
         *(zephyr_console, grafana, mcap_as_json, simulator_42, line_protocol, colmap),
     ],
 )
@@ -344,3 +365,11 @@ def test_an_annotated_table_of_influxdb_is_read_by_its_own_clock(tmp_path: Path)
         for time, value in zip(TIME, map(float, RATES[:, k]), strict=True)
     ]
     require_motion(spinfilters.load(text(tmp_path / "query.csv", head, rows)))
+
+
+@pytest.mark.parametrize("name", ["T_body_world", "dcm", "C_BN", "R_b_w", "T_cw", "extrinsics"])
+def test_matrices_that_may_map_to_the_body_are_refused(name: str, tmp_path: Path) -> None:
+    turned = Rotation.from_quat(TURN).as_matrix()
+    np.savez(tmp_path / "run.npz", **{"time": TIME, name: turned})
+    with pytest.raises(InputError, match=f"array '{name}' may map from inertial to body axes; save its"):
+        spinfilters.load(tmp_path / "run.npz")

@@ -84,9 +84,9 @@ def test_its_transition_is_the_finite_difference_by_the_state_and_by_the_scale_o
 
 def test_the_bound_with_a_torque_is_that_of_finite_differences_of_the_whole_flight() -> None:
     driven, x, scale = driven_motion(ROTATION)
-    time = 0.5 * np.arange(15)
+    time = 0.5 * np.arange(10)
     reference = driven_reference(TorqueFreeProcess(ROTATION, ProcessNoise(0.0, 0.0)), x, time, driven)
-    schedule = SensorSchedule(Gyro(ROTATION), gyro_parameters(1, 0.01, 0.0), 0, np.ones((15, 1), dtype=bool))
+    schedule = SensorSchedule(Gyro(ROTATION), gyro_parameters(1, 0.01, 0.0), 0, np.ones((10, 1), dtype=bool))
     prior = {"a": 0.1, "w": 0.1, "s": 0.3, "n": 0.2}
 
     def rates(moved: np.ndarray) -> np.ndarray:

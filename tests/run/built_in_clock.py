@@ -46,9 +46,11 @@ def watch_building() -> None:
     """Of expressions, and of libraries."""
     construct, building = Compiled.__init__, c_library.building
 
-    def constructed(self: Compiled, function: ca.Function, load: Loader = load_loop) -> None:
+    def constructed(
+        self: Compiled, function: ca.Function, load: Loader = load_loop, patience: int = 0
+    ) -> None:
         noted(function.name())
-        construct(self, function, load)
+        construct(self, function, load, patience)
 
     @contextmanager
     def watched() -> Iterator[None]:

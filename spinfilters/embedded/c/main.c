@@ -3,6 +3,7 @@
  *   ./spinfilter_main             the short recording of recording.h
  *   ./spinfilter_main - < FILE    rows from standard input: time_s, then wx, wy, wz (rad/s, axes g) of a gyro,
  *                                 or x, y, z, qx, qy, qz, qw (m, q_ig) of poses; commas or blanks; a header is skipped
+ *   ./spinfilter_main - TIME      the same from a start state of this time, s: rows up to TIME are skipped
  *
  * On a microcontroller, keep what stands in `take` and bring the values from your sensor.
  */
@@ -25,17 +26,20 @@
 #endif
 
 static sf_filter filter;
-static double last_time;
+static double last_time; /* of the belief; not known before the first epoch, unless it is stated */
+static int time_known;
 static unsigned long epochs, not_used;
 
-/* One epoch: predict to its time, then update. The first epoch is the time of the start state. 0 where the filter goes on. */
+/* One epoch: predict to its time, then update. Without a stated time, the first epoch is that of the start state. 0 where the filter
+ * goes on. */
 static int take(double time, const sf_real *values)
 {
   int ahead = SF_OK;
-  if (epochs > 0) ahead = sf_predict(&filter, (sf_real)(time - last_time));
+  if (time_known) ahead = sf_predict(&filter, (sf_real)(time - last_time));
   if (ahead != SF_OK && ahead != SF_FAST) return ahead;
   const int status = UPDATE(&filter, values, start_parameters);
   last_time = time;
+  time_known = 1;
   ++epochs;
   not_used += status != SF_OK;
 
@@ -76,29 +80,40 @@ static int filter_input(void)
     if (count == 0 && epochs == 0) continue; /* a header */
     if (count < 1 + VALUES || *at != '\0') return refuse(line, VALUES == 7 ? "needs 8 numbers: time and pose" : "needs 4 numbers: time and rates");
     if (!isfinite(row[0])) return refuse(line, "its time is not finite");
+    if (epochs == 0 && time_known && row[0] <= last_time) continue; /* the start state contains it */
     if (epochs > 0 && !(row[0] > last_time)) return refuse(line, "its time does not lie behind that of the line before");
     for (int k = 0; k < VALUES; ++k) values[k] = (sf_real)row[1 + k];
     if (take(row[0], values) != 0) return refuse(line, "the filter cannot go on to this time");
   }
-  return epochs > 0 ? 0 : refuse(1, "no row in the input");
+  return epochs > 0 ? 0 : refuse(1, time_known ? "no row in the input is later than the start state" : "no row in the input");
+}
+
+/* Take a text as the time of the start state. 0 where it is no number. */
+static int state_time(const char *text)
+{
+  char *end;
+  last_time = strtod(text, &end);
+  time_known = end != text && *end == '\0' && isfinite(last_time);
+  return time_known;
 }
 
 int main(int count, char **arguments)
 {
-  if (count > 2 || (count == 2 && strcmp(arguments[1], "-") != 0)) {
-    fprintf(stderr, "usage: %s [-]   (with - rows come from standard input)\n", arguments[0]);
+  if (count > 3 || (count > 1 && strcmp(arguments[1], "-") != 0) || (count == 3 && !state_time(arguments[2]))) {
+    fprintf(stderr, "usage: %s [- [TIME]]   (with - rows come from standard input; TIME is that of the start state, s)\n", arguments[0]);
     return 2;
   }
   if (sf_begin(&filter, start_x, start_covariance, start_psd[0], start_psd[1]) != SF_OK) return refuse(0, "the start state is none");
   printf("time_s," START_COLUMNS ",moment_1,moment_2,moment_3,status\n");
   int status = 0;
-  if (count == 2)
+  if (count > 1)
     status = filter_input();
   else
     /* epochs of recording.h at a fixed interval */
     for (int k = 0; k < RECORDING_EPOCHS && status == 0; ++k) status = take(RECORDING_INTERVAL * k, recording + VALUES * k);
   if (filter.refused >= 3)
-    fprintf(stderr, "the filter is lost: the start state does not fit these rows; put your own into start_state.h (spinfilters embed --from-run)\n");
+    fprintf(stderr, "the filter is lost: the start state does not fit these rows. Put your own into start_state.h (spinfilters embed --from-run), and "
+                    "give its time if the rows begin at another one: - TIME\n");
   fprintf(stderr, "%lu epochs, %lu of them not used; the filter takes %lu bytes\n", epochs, not_used, (unsigned long)sizeof filter);
   return status;
 }

@@ -109,7 +109,7 @@ class MagnetometerSensor(Sensor):
         (1e-7, 0.0, 0.0, 5e-5),
         {"magnetometer_std": (0,)},
         words="a magnetometer",
-        assumption="the magnetic field in frame i is known (in the exact rank along z of that frame)",
+        assumption="the magnetic field in frame i is known (in the exact rank, and without a recording, 5e-5 T along its z)",
     )
 
     def bind(
