@@ -98,22 +98,34 @@ def use_by_sensor(history: EstimateHistory, timeline: Timeline) -> dict[str, dic
         came[:, names.index(part.measurement.model.name)] += np.bincount(part.epoch, minlength=len(time))
     places = np.minimum(np.searchsorted(time, history.time[history.own]), len(time) - 1)
     found: dict[str, dict[str, int]] = {name: {"accepted": 0, "rejected": 0} for name in names}
-    for place, accepted, rejected in zip(
-        places, history.accepted[history.own], history.rejected[history.own], strict=True
-    ):
-        counts = {name: int(count) for name, count in zip(names, came[place], strict=True) if count}
-        whole = {"accepted": int(accepted), "rejected": int(rejected)}
+    kinds = np.column_stack([came[places], history.accepted[history.own], history.rejected[history.own]])
+    for kind, epochs in _counted_rows(kinds):
+        *values, accepted, rejected = kind
+        counts = {name: count for name, count in zip(names, values, strict=True) if count}
+        whole = {"accepted": accepted, "rejected": rejected}
         key = next(
             (name for name in whole if whole[name] == sum(counts.values()) == accepted + rejected), None
         )
         if len(counts) == 1 or key is None:
             each = found.setdefault(", ".join(counts) or NO_SENSOR, {"accepted": 0, "rejected": 0})
             for name, count in whole.items():
-                each[name] += count
+                each[name] += epochs * count
         else:  # all of the epoch, of several sensors, was used or rejected
             for sensor, count in counts.items():
-                found[sensor][key] += count
+                found[sensor][key] += epochs * count
     return found
+
+
+def _counted_rows(rows: Int[np.ndarray, "n k"]) -> list[tuple[list[int], int]]:
+    """Different rows in the order of their first appearance, and how often each is there."""
+    if not len(rows):
+        return []
+    number = np.zeros(len(rows), dtype=np.int64)  # of the row among those that differ in the columns so far
+    for column in rows.T:
+        number = np.unique(number * (column.max() + 1) + column, return_inverse=True)[1]
+    _, first, times = np.unique(number, return_index=True, return_counts=True)
+    order = np.argsort(first)
+    return list(zip(rows[first[order]].tolist(), times[order].tolist(), strict=True))
 
 
 @dataclass(frozen=True)

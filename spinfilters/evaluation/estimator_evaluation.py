@@ -218,7 +218,7 @@ def error_bound(limits: EstimateHistory, errors: TruthErrors, fitted: bool) -> E
     fitted : bool
         See `ErrorBound`.
     """
-    body = _body(body_history(limits, intervals=False).at(-1), fitted)
+    body = _body(body_estimate(limits.belief(-1), intervals=False), fitted)
     return ErrorBound(trajectory_of(limits), errors.rows, body, fitted)
 
 

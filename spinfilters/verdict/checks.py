@@ -271,7 +271,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "identified-noise", ALL, Needs.RESIDUALS,
-        "The same for levels identified from the first epochs; of a variance four times too small 3 deviations of chance",
+        "The same for levels identified from the first epochs; a variance four times too small fails beyond 3 deviations of chance",
         "3e-5 of each level, 1e-3 of a variance four times too small",
         "{name} was identified as {stated:.3g} from the first epochs, all data have {seen} ({score:.2g} deviations of chance)",
         "the first epochs are too few, the noise changes, or a model is wrong: use the smoother, state the level, raise "
