@@ -14,7 +14,7 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.run.preparation import prepare
 from spinfilters.run.readers import read_dataset
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 from spinfilters.simulation.scenario import simulate as simulate_scenario
 
@@ -48,7 +48,7 @@ def test_a_recording_of_several_sensors_is_written_and_read(tmp_path: Path) -> N
 
 
 def test_an_initialisation_holds_enough_epochs_of_the_sensor_that_tells_the_motion() -> None:
-    dataset, settings = recording(), Settings(estimators=("mekf",))
+    dataset, settings = recording(), Settings(estimators=("mekf",), verdict=FILTER)
     setup = prepare(dataset, settings)
     assert setup.end_of_initialisation >= dataset.log.stream("pose").epoch_times[LEADING_EPOCHS - 1]
     (found,) = plainly_compared(setup, settings).evaluations
