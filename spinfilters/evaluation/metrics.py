@@ -1,6 +1,6 @@
 """The one table of metrics: what `summary.json`, tables, pages, rows of a campaign and its report show of an estimator.
 
-A metric is one line in `METRICS`, or of another distribution an entry point of the group ``spinfilters.metrics``. From its line
+A metric is one line in `_METRICS`, or of another distribution an entry point of the group ``spinfilters.metrics``. From its line
 follow its place in `summary.json`, its row in the terminal, in ``report.html`` and in a notebook, its column in the rows of a
 campaign, and its mean over runs in the campaign's report. The metrics of this package are computed of one run or of many at once,
 whose arrays have an axis of runs in front: their formulas count axes from the last.

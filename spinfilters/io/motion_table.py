@@ -440,20 +440,20 @@ def _poses(
     if not has_position:
         options.require_only(("clock", "rate", "columns", "topic"), "a table of attitudes")
     table = _read_quantities(source, columns, ("position", rotation) if has_position else (rotation,))
-    direction = _shown_direction(source, columns) if rotation == "quaternion" else "unknown"
+    if rotation == "matrix":
+        table = _with_quaternions(table)
+    elif rotation == "mrp":
+        table = _with_quaternions_of_mrp(table)
+    direction = _shown_direction(source, columns, rotation)
     if direction == "contradiction":
         raise InputError(
-            f"{path_text(source.path)}: its rates are minus the derivative of its quaternion, so one of them is in other axes; "
+            f"{path_text(source.path)}: its rates are minus the derivative of its attitude, so one of them is in other axes; "
             f"correct it, or leave the rates out: {to_state('columns', _names_without_rates(source, columns))}"
         )
     if direction == "to body":
         table = replace(
             table, values=np.column_stack([table.values[:, :-4], table.values[:, -4:] * _CONJUGATE])
         )
-    if rotation == "matrix":
-        table = _with_quaternions(table)
-    elif rotation == "mrp":
-        table = _with_quaternions_of_mrp(table)
     table, clock = _timed(table, columns, options, source, None)
     if has_position:
         values = table.values.copy()
@@ -465,7 +465,7 @@ def _poses(
             "pose" if has_position else "attitude", table.values[:, 0], table.values[:, 1:]
         )
     remarks = () if clock == "s" else (clock,)
-    turned = ("its quaternion maps from inertial to body axes, as the rates beside it show: turned round",)
+    turned = ("its attitude maps from inertial to body axes, as the rates beside it show: turned round",)
     return MotionTable(stream, None, (*remarks, *(turned if direction == "to body" else ())))
 
 
@@ -480,18 +480,23 @@ def _names_without_rates(source: NamedColumns, columns: MotionColumns) -> str:
 _CONJUGATE: Final = (-1.0, -1.0, -1.0, 1.0)
 
 
-def _shown_direction(source: NamedColumns, columns: MotionColumns) -> Direction:
-    """Direction of the quaternion of a table that the rates beside it show; unknown without rates."""
-    found, rows = columns.vectors, _head(source)
-    if "rate" not in found or columns.time is None or not rows.size:
+def _shown_direction(source: NamedColumns, columns: MotionColumns, rotation: Quantity) -> Direction:
+    """Direction of the rotation of a table that the rates beside it show; unknown without rates."""
+    found = columns.vectors
+    if "rate" not in found or columns.time is None or not (rows := _head(source)).size:
         return "unknown"
     time = rows[:, columns.time[0]]
     if columns.fraction is not None:
         place, unit = columns.fraction
         time = time + unit * rows[:, place]
-    return quaternion_direction(
-        time, rows[:, list(found["quaternion"].indices)], rows[:, list(found["rate"].indices)]
-    )
+    turned = rows[:, list(found[rotation].indices)]
+    if not np.isfinite(turned).all():
+        return "unknown"
+    if rotation == "matrix":
+        turned = quaternion_from_matrix(turned.reshape(-1, 3, 3))
+    elif rotation == "mrp":
+        turned = _quaternions_of_mrp(turned)
+    return quaternion_direction(time, turned, rows[:, list(found["rate"].indices)])
 
 
 def _with_quaternions(table: Table) -> Table:
@@ -503,11 +508,15 @@ def _with_quaternions(table: Table) -> Table:
     )
 
 
+def _quaternions_of_mrp(s: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
+    """Quaternions, scalar last, of modified Rodrigues parameters."""
+    square = np.sum(s * s, axis=1, keepdims=True)
+    return np.hstack([2.0 * s, 1.0 - square]) / (1.0 + square)
+
+
 def _with_quaternions_of_mrp(table: Table) -> Table:
     """A table whose last three columns, modified Rodrigues parameters s of q_ib, are a quaternion: (2 s, 1 - s s) / (1 + s s)."""
-    s = table.values[:, -3:]
-    square = np.sum(s * s, axis=1, keepdims=True)
-    q = np.hstack([2.0 * s, 1.0 - square]) / (1.0 + square)
+    q = _quaternions_of_mrp(table.values[:, -3:])
     names = (*table.names[:-3], "qx", "qy", "qz", "qw")
     return replace(table, names=names, values=np.column_stack([table.values[:, :-3], q]))
 

@@ -318,7 +318,7 @@ def test_rates_that_turn_back_are_refused_beside_a_quaternion(tmp_path: Path) ->
     for name, other in (("signs.csv", (q, -rates)), ("spice.csv", (q * CONJUGATE, inertial))):
         path = table_of(tmp_path / name, *other)
         with pytest.raises(
-            InputError, match=f"{name}: its rates are minus the derivative of its quaternion"
+            InputError, match=f"{name}: its rates are minus the derivative of its attitude"
         ) as refused:
             spinfilters.load(path)
         cure = "time_s,qx,qy,qz,qw,-,-,-"
@@ -373,3 +373,16 @@ def test_matrices_that_may_map_to_the_body_are_refused(name: str, tmp_path: Path
     np.savez(tmp_path / "run.npz", **{"time": TIME, name: turned})
     with pytest.raises(InputError, match=f"array '{name}' may map from inertial to body axes; save its"):
         spinfilters.load(tmp_path / "run.npz")
+
+
+def test_a_matrix_to_body_axes_is_turned_round_where_body_rates_show_it(tmp_path: Path) -> None:
+    q, rates, _ = tumbling()
+    names = "time_s,px,py,pz," + ",".join(f"R{i}{j}" for i in "123" for j in "123") + ",wx,wy,wz"
+    for name, turns in (("straight.csv", Rotation.from_quat(q)), ("turned.csv", Rotation.from_quat(q).inv())):
+        matrices = np.column_stack([np.zeros((len(q), 3)), turns.as_matrix().reshape(-1, 9)])
+        read = (
+            spinfilters.load(table_of(tmp_path / name, matrices, rates, names))
+            .log.stream("pose")
+            .values[:, 3:]
+        )
+        assert (Rotation.from_quat(read).inv() * Rotation.from_quat(q)).magnitude().max() < 1e-6
