@@ -142,7 +142,10 @@ class _Group:
 def with_vectors(path: Path, names: Sequence[str]) -> list[str]:
     """Names of columns, those of one body rate, quaternion and position of a body in plain words.
 
-    InputError: two vectors that may be the body rate.
+    Raises
+    ------
+    InputError
+        Two vectors that may be the body rate.
     """
     groups = [group for group in _groups(names) if group.is_measured]
     found = list(names)

@@ -42,7 +42,10 @@ def read_yaml(path: Path) -> dict[str, Any]:
 def read_yaml_rows(path: Path) -> Any:
     """The document of a YAML file of at most 16 MiB as JSON has it, or a list of several: dates and all keys are texts.
 
-    InputError: as `read_yaml`.
+    Raises
+    ------
+    InputError
+        As `read_yaml`.
     """
     try:
         text = read_bytes(path, LARGEST_ROWS).decode("utf-8-sig")

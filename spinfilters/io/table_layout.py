@@ -203,7 +203,10 @@ _WITH_UNIT: Final = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?\s+([A-Za-z°/^²0
 def _with_cell_units(path: Path, layout: TableLayout) -> TableLayout:
     """Layout with the units that stand behind the numbers in the cells of the first row, which then are those of the columns.
 
-    InputError: a column whose name states another unit.
+    Raises
+    ------
+    InputError
+        A column whose name states another unit.
     """
     first = next((text for _, text in data_lines(path, layout)), "")
     matched = [_WITH_UNIT.fullmatch(cell) for cell in layout.cells(first)]

@@ -204,7 +204,10 @@ _BLOCK_NAME: Final = re.compile(r'name: "([^"]{1,60})"')
 def _blocks(path: Path) -> Iterator[dict[str, float]]:
     """Numbers of each message of blocks in braces by their path with dots, the name of a block in it; all axes of a vector.
 
-    InputError: no UTF-8, or nested too deep.
+    Raises
+    ------
+    InputError
+        No UTF-8, or nested too deep.
     """
     message: dict[str, float] = {}
     above: list[str] = []
