@@ -34,8 +34,6 @@ _LINE: Final = re.compile(
 """Measurement, tags, fields, and time since 1970 in s, ms, us or ns."""
 _FIELD: Final = re.compile(r"((?:[^,=\\]|\\.)+)=(\"(?:[^\"\\]|\\.)*\"|[^,]*)")
 _NUMBER: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)[iu]?")
-_UNITS: Final = {10: "s", 13: "ms", 16: "us", 19: "ns"}
-"""Of a time of so many digits."""
 _HEAD: Final = 1 << 14
 _COMMANDS: Final = ("#", "CREATE ")
 """Beginnings of lines that an export writes above its data."""

@@ -31,6 +31,7 @@ from spinfilters.io.stated_values import (
 from spinfilters.io.table_layout import read_layout
 from spinfilters.io.text_table import Table
 from spinfilters.io.unnamed_columns import (
+    CONJUGATE,
     MOST_COLUMNS,
     RATE_NAMES,
     Direction,
@@ -452,7 +453,7 @@ def _poses(
         )
     if direction == "to body":
         table = replace(
-            table, values=np.column_stack([table.values[:, :-4], table.values[:, -4:] * _CONJUGATE])
+            table, values=np.column_stack([table.values[:, :-4], table.values[:, -4:] * CONJUGATE])
         )
     table, clock = _timed(table, columns, options, source, None)
     if has_position:
@@ -475,9 +476,6 @@ def _names_without_rates(source: NamedColumns, columns: MotionColumns) -> str:
     kept |= set() if columns.time is None else {columns.time[0]}
     kept |= set() if columns.fraction is None else {columns.fraction[0]}
     return ",".join(name if k in kept else "-" for k, name in enumerate(source.names))
-
-
-_CONJUGATE: Final = (-1.0, -1.0, -1.0, 1.0)
 
 
 def _shown_direction(source: NamedColumns, columns: MotionColumns, rotation: Quantity) -> Direction:

@@ -697,6 +697,8 @@ _SIGNS: Final = frozenset("°²³µ·")
 
 def _is_header_of_windows(begin: bytes) -> bool:
     """Whether words above the first row of numbers are no UTF-8, and all their bytes letters of Windows or signs of units."""
+    if begin.isascii():
+        return False
     lines = begin.splitlines()[: PREAMBLE_LINES + 1][:-1]
     words = list(itertools.takewhile(lambda line: not line.lstrip(b"\"' +-.,;\t")[:1].isdigit(), lines))
     above = b"\n".join(words)

@@ -270,6 +270,8 @@ def _directions(
     return found
 
 
+CONJUGATE: Final = (-1.0, -1.0, -1.0, 1.0)
+"""Factors of a quaternion, scalar last, that turn it round, also one whose digits are not yet of unit length."""
 Direction = Literal["unknown", "to inertial", "to body", "contradiction"]
 """Axes to which a quaternion maps, as rates beside it show: unknown of other numbers, contradiction of rates that turn back."""
 
@@ -302,7 +304,7 @@ def quaternion_direction(
         return "unknown"
     mean = 0.5 * (rates[1:] + rates[:-1]) * step
     forth = _sign_of_fit(_turned(q), mean)
-    back = _sign_of_fit(_turned(q * (-1.0, -1.0, -1.0, 1.0)), mean)
+    back = _sign_of_fit(_turned(q * CONJUGATE), mean)
     if forth > 0 or (back < 0 and not forth):
         return "to inertial"
     if forth < 0:

@@ -379,9 +379,10 @@ def _whiteness_findings(found: FilterTests, setup: Setup) -> list[Finding]:
 LARGEST_LEVEL_SCORE: Final = 4.0
 """Standard deviations beyond which a test is no chance: one of 8000 levels that are right."""
 LEAST_LEVEL_SCORE: Final = 3.0
+"""The same for an identified variance that is `FEWFOLD` times too small."""
 FEWFOLD: Final = 4.0
-"""The same of an identified variance that is so many times too small: the deviations that rest on it may be half of what they
-should be, and an error of four of them is one of two. Of 200 filters of poses those beyond it, two, had errors of 4.4 and 4.8."""
+"""The deviations that rest on such a variance may be half of what they should be, and an error of four of them is one of two. Of
+300 filters of poses those beyond it, three, had errors of 2.3, 4.4 and 4.8."""
 LIKELY_SCORE: Final = 2.0
 """Standard deviations below which no other level seems too small: where data have less noise than stated, deviations are only too
 large, and what they are about holds."""
