@@ -6,15 +6,15 @@ further process early, the one that asked draws what is missing, and meets and r
 """
 
 import os
-import pickle
 import subprocess
 import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from io import BytesIO
+from dataclasses import dataclass, replace
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
 
@@ -42,8 +42,6 @@ LARGEST_SENT: Final = 32_000_000
 DRAWN_WHILE_LOADING: Final = 2
 """Pictures that a process draws while another one loads what draws."""
 _ENVIRONMENT: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "agg"}
-_UNSENT: Final = (OSError, ValueError, EOFError, TypeError, AttributeError, pickle.PickleError)
-"""Where a process has ended, or where a plug-in's data cannot be sent."""
 Source = FigureData | Path
 """What a picture shows: data, or a run folder that holds them."""
 
@@ -56,14 +54,16 @@ class PictureProcess:
 
     def __init__(self) -> None:
         paths = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**_ENVIRONMENT, **os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-            start_new_session=True,  # Ctrl-C is for the process that asked
-        )
+        self._connection, its_end = Pipe()
+        with its_end:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", __name__],
+                stdin=its_end.fileno(),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env={**_ENVIRONMENT, **os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+                start_new_session=True,  # Ctrl-C is for the process that asked
+            )
         self._source: Source | None = None
         self._sent: list[object] = []
 
@@ -77,15 +77,9 @@ class PictureProcess:
         return self._answer("draw", name)
 
     def close(self) -> None:
-        """End it at once."""
-        process = self._process
-        assert process.stdin is not None
-        assert process.stdout is not None
-        with suppress(OSError):
-            process.stdin.close()
-        process.kill()
-        process.wait()
-        process.stdout.close()
+        """End it at once; what waits for its answer gets none."""
+        self._process.kill()
+        self._process.wait()
 
     def _open(self, folder: Path) -> bytes | None:
         """Let it read a run folder; its working directory may be another."""
@@ -97,29 +91,24 @@ class PictureProcess:
         new = [part for part in parts if not any(part is each for each in self._sent)]
         self._sent += new
         places = [next(k for k, each in enumerate(self._sent) if each is part) for part in parts]
-        return self._answer("show", new, places, figure_data.map_points, figure_data.conditions)
+        sent = [_without_models(part) if isinstance(part, Evaluation) else part for part in new]
+        return self._answer("show", sent, places, figure_data.map_points, figure_data.conditions)
 
     def _answer(self, *request: object) -> bytes | None:
         """What it answers to a request; None for no answer."""
-        stdin, stdout = self._process.stdin, self._process.stdout
-        assert stdin is not None
-        assert stdout is not None
-        pickled = BytesIO()
         try:
-            _Pickler(pickled, pickle.HIGHEST_PROTOCOL).dump(request)
-            stdin.write(pickled.getbuffer())
-            stdin.flush()
-            return pickle.load(stdout)
-        except _UNSENT:
+            self._connection.send(request)
+            return self._connection.recv()
+        except (
+            Exception
+        ):  # it has ended, or a plug-in's data cannot be sent: this process meets the cause when it draws
             return None
 
 
-class _Pickler(pickle.Pickler):
-    """Pickles a layout without the compiled functions that it keeps: no picture needs them, and they take longest."""
-
-    def reducer_override(self, obj: object) -> Any:
-        """How a layout is made again; anything else as ever."""
-        return (StateLayout, (obj.blocks,)) if isinstance(obj, StateLayout) else NotImplemented
+def _without_models(evaluation: Evaluation) -> Evaluation:
+    """An evaluation without the compiled functions that its layout keeps: no picture needs them, and they take longest to send."""
+    bare = StateLayout(evaluation.history.layout.blocks)
+    return evaluation.with_fields(history=replace(evaluation.history, layout=bare))
 
 
 @contextmanager
@@ -369,12 +358,10 @@ class _Painter:
 
 
 def main() -> None:
-    """Load what draws, then do what the input asks for: pickled requests, each with what it is about."""
+    """Load what draws, then do what the socket at its input asks for: requests, each with what it is about."""
     from spinfilters.plots.style import note_figure, picture_bytes
 
-    requests, answers = sys.stdin.buffer, sys.stdout.buffer
-    sys.stdout = sys.stderr  # what a plug-in prints is no answer
-    with suppress(KeyboardInterrupt, BrokenPipeError, EOFError):
+    with Connection(sys.stdin.fileno()) as connection, suppress(KeyboardInterrupt, BrokenPipeError, EOFError):
         from spinfilters.plots import scene, summary, time_courses  # noqa: F401 - loaded while the first estimator runs
 
         picture_bytes(note_figure("fonts are found and loaded"), "png", dpi=50)
@@ -385,9 +372,8 @@ def main() -> None:
             "draw": painter.draw,
         }
         while True:
-            request, *about = pickle.load(requests)
-            pickle.dump(answer[request](*about), answers, pickle.HIGHEST_PROTOCOL)
-            answers.flush()
+            request, *about = connection.recv()
+            connection.send(answer[request](*about))
 
 
 if __name__ == "__main__":
