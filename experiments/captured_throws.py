@@ -33,7 +33,7 @@ from spinfilters.run.estimation import ComparisonExtent, compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_noise
-from spinfilters.verdict.check import LARGEST_MOMENT_STD
+from spinfilters.verdict.checks import LARGEST_MOMENT_STD
 from spinfilters.verdict.doubts import evaluated
 
 ESTIMATORS: Final = ("mekf", "smoother")

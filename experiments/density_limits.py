@@ -41,7 +41,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import simulate, without_noise
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS
 from spinfilters.smoother.problem import problem_of
-from spinfilters.verdict.check import LARGEST_MOMENT_STD
+from spinfilters.verdict.checks import LARGEST_MOMENT_STD
 
 DECADES: Final = np.arange(-8, 2)
 """Of the densities; the least is none."""

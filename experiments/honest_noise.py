@@ -33,7 +33,7 @@ from spinfilters.evaluation.metrics import MOTIONS
 from spinfilters.filters.noise_levels import TOLD_LOG_STD
 from spinfilters.io.disturbances import DENSITIES
 from spinfilters.models.state_blocks import RIGID_BODY
-from spinfilters.verdict.check import LARGEST_MOMENT_STD
+from spinfilters.verdict.checks import LARGEST_MOMENT_STD
 
 FAR = 3.0
 """Standard deviations of a level's logarithm from the truth, at most."""

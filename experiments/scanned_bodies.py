@@ -32,6 +32,7 @@ from spinfilters.run.preparation import prepare
 from spinfilters.run.readers import read_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.lidar_sequence import (
+    ScannedScene,
     mesh_of,
     scan_sequence,
     scan_times,
@@ -39,7 +40,6 @@ from spinfilters.simulation.lidar_sequence import (
     write_sequence,
 )
 from spinfilters.simulation.scan_arguments import BodyArguments, ErrorArguments, RayArguments, ScanArguments
-from spinfilters.simulation.scanned_scene import ScannedScene
 from spinfilters.verdict.model_errors.alternatives import ALTERNATIVES
 
 FIELD_OF_VIEW: Final = 2 * 1.1 * float(np.rad2deg(np.arcsin(0.25)))

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from observability.model import CLOCK, FROM_FILE, experiments_of, model_of_text
+from observability.model import CLOCK, FROM_FILE, experiments_of, model_of_text, require_inputs
 from observability.model_bound import ModelBound, bound_of, gain_table
 from observability.model_experiment import Course, Experiment, Progress, no_progress
 from observability.model_text import exact_number, formula
@@ -235,11 +235,7 @@ class _Section:
         return columns[name]
 
     def _inputs(self, courses: Mapping[str, Any]) -> dict[str, Course]:
-        foreign = [name for name in courses if name not in self._model.inputs]
-        if foreign:
-            raise InputError(
-                f"{self._name}: courses names {foreign[0]!r}, which is no input; use {', '.join(self._model.inputs) or 'none'}"
-            )
+        require_inputs(self._name, courses, self._model.inputs)
         found: dict[str, Course] = {}
         for name in self._model.inputs:
             if name in courses:

@@ -20,9 +20,14 @@ from spinfilters.core.attitude_expressions import (
     rotate,
 )
 from spinfilters.core.errors import InputError, ShapeError
-from spinfilters.core.mass_distribution import from_second_moments, inertia, lower_factor
+from spinfilters.core.mass_distribution import (
+    from_second_moments,
+    inertia,
+    lower_factor,
+    traceless_components,
+)
 from spinfilters.models.process import body_acceleration, derivative
-from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout, error_derivative
 
 Values = dict[str, Expression]
 """Blocks by name."""
@@ -215,7 +220,7 @@ class FilterChart(Chart):
         """Derivative of the retraction at 0."""
         d = ca.SX.sym("d", self.layout.error_dim)
         moved = self.layout.retract_expression(self.layout.pack(values), d)
-        own = ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(*d.shape))
+        own = error_derivative(moved, d)
         return ca.diagcat(own, 1) if "n" in values else own
 
     def change(self, values: Values, moved: Values) -> Expression:
@@ -237,9 +242,7 @@ class FilterChart(Chart):
         if block.name != "s":
             return super()._block_change(block, value, moved)
         inverse = ca.inv_minor(lower_factor(value))
-        D = inverse @ moved @ inverse.T
-        mean = ca.trace(D) / 3
-        return ca.vertcat(D[0, 0] - mean, D[1, 1] - mean, D[1, 0], D[2, 0], D[2, 1])
+        return traceless_components(inverse @ moved @ inverse.T)
 
 
 def with_second_moments(values: Values, J: Expression) -> Values:

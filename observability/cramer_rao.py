@@ -17,7 +17,7 @@ from spinfilters.core.linear_algebra import with_largest_positive
 from spinfilters.core.mass_distribution import inertia, inertia_matrix
 from spinfilters.core.working_time import building
 from spinfilters.models.state_blocks import BLOCKS
-from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
+from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout, error_derivative
 
 PRIOR_STD: dict[str, float] = {
     "t": 1e-6,
@@ -396,8 +396,8 @@ def _moment_jacobian(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 5"]:
 def _place(layout: StateLayout) -> Compiled:
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
     values = layout.unpack(layout.retract_expression(x, d))
-    slope = ca.jacobian(values["t"] + rotate(values["q"], values["c"]), d)
-    return Compiled.interpreted(ca.Function("place", [x], [ca.substitute(slope, d, ca.SX.zeros(*d.shape))]))
+    slope = error_derivative(values["t"] + rotate(values["q"], values["c"]), d)
+    return Compiled.interpreted(ca.Function("place", [x], [slope]))
 
 
 @cache
@@ -407,8 +407,7 @@ def _inertia_jacobian() -> Compiled:
     layout = StateLayout(("a", "w", "s"))
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
     moved = layout.unpack(layout.retract_expression(x, d))["s"]
-    slope = ca.jacobian(ca.vec(inertia(moved)), d)[:, layout.slice("s")]
-    at = ca.substitute(slope, d, ca.SX.zeros(*d.shape))
+    at = error_derivative(ca.vec(inertia(moved)), d, layout.slice("s"))
     s = ca.SX.sym("s", 5)
     point = ca.vertcat(ca.SX([0, 0, 0, 1, 0, 0, 0]), s)
     return Compiled.interpreted(ca.Function("inertia_slopes", [s], [ca.substitute(at, x, point)]))

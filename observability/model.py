@@ -292,17 +292,22 @@ def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model
     return with_courses(model, tables["courses"])
 
 
+def require_inputs(name: str, courses: Mapping[str, Any], inputs: Sequence[str]) -> None:
+    """InputError where the courses of a model or section of this name give something that is no input."""
+    foreign = [each for each in courses if each not in inputs]
+    if foreign:
+        raise InputError(
+            f"{name}: courses names {foreign[0]!r}, which is no input; use {', '.join(inputs) or 'none'}"
+        )
+
+
 def with_courses(model: Model, courses: Mapping[str, Any]) -> Model:
     """The model with formulas of the time t, or numbers, for known inputs; those from a file stay generic inputs.
 
     The clock is a state that an output shows, so that its value is a generic one.
     """
     name = model.name
-    foreign = [each for each in courses if each not in model.inputs]
-    if foreign:
-        raise InputError(
-            f"{name}: courses names {foreign[0]!r}, which is no input; use {', '.join(model.inputs) or 'none'}"
-        )
+    require_inputs(name, courses, model.inputs)
     texts = {each: text for each, text in courses.items() if not FROM_FILE.fullmatch(str(text))}
     if not texts:
         return model

@@ -495,8 +495,7 @@ def branch_conditions(part: ReachedModel) -> list[str]:
     """Inequalities such as "a > b" that hold at the point of an exact rank, one for each place where branches meet."""
     if PIECEWISE.isdisjoint(part.tape.operations):
         return []
-    rows = [part.model.rates[each] for each in part.states] + list(part.model.outputs.values())
-    sides = list(_sides(rows))
+    sides = list(_sides(part.rows))
     if not sides:
         return []
     differences = ca.Function("differences", part.arguments, [ca.vertcat(*[a - b for a, b in sides])])

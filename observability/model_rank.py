@@ -80,11 +80,15 @@ class ReachedModel:
         moving = set(model.point) & set(self.states)
         return moving <= set(staying(model, model.point))
 
+    @property
+    def rows(self) -> list[ca.SX]:
+        """Rates of the states, then outputs."""
+        return [self.model.rates[each] for each in self.states] + list(self.model.outputs.values())
+
     @cached_property
     def tape(self) -> Tape:
         """(states, constants, inputs, unknown inputs) -> rates, then outputs."""
-        rows = [self.model.rates[each] for each in self.states] + list(self.model.outputs.values())
-        return tape_of(self.model.name, self.arguments, ca.vertcat(*rows), constants_known=True)
+        return tape_of(self.model.name, self.arguments, ca.vertcat(*self.rows), constants_known=True)
 
     @cached_property
     def start(self) -> Tape:

@@ -1,5 +1,6 @@
 """Matrices of residues: elimination, rank, null space and product."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,10 +68,21 @@ def null_vectors(
 ) -> Num[np.ndarray, "c d"]:
     """Basis of the null space of one matrix, by default the first: one vector for each column without a pivot."""
     pivots = reduced.pivots[item]
-    free, bound = np.flatnonzero(pivots < 0), np.flatnonzero(pivots >= 0)
+    bound = np.flatnonzero(pivots >= 0)
+    return _solve_for_free(reduced.rows[item][pivots[bound]], bound, columns, field)
+
+
+def _solve_for_free(
+    rows: Num[np.ndarray, "r c"],
+    bound: Sequence[int] | Int[np.ndarray, " r"],
+    columns: int,
+    field: PrimeField,
+) -> Num[np.ndarray, "c d"]:
+    """Null vectors of reduced rows with pivots in the ``bound`` columns: 1 at one of the free columns each, 0 at the others."""
+    free = np.setdiff1d(np.arange(columns), bound)
     space = np.zeros((columns, len(free)), dtype=np.uint64)
     space[free, np.arange(len(free))] = 1
-    space[bound] = field.negative(reduced.rows[item][pivots[bound]][:, free])
+    space[bound] = field.negative(rows[:, free])
     return space
 
 
@@ -141,8 +153,4 @@ class Echelon:
 
     def null_space(self) -> Num[np.ndarray, "c d"]:
         """Basis of the directions that no row sees: one vector for each column without a pivot."""
-        free = [k for k in range(self._columns) if k not in set(self.pivots)]
-        space = np.zeros((self._columns, len(free)), dtype=np.uint64)
-        space[free, np.arange(len(free))] = 1
-        space[self.pivots] = self._field.negative(self.rows[:, free])
-        return space
+        return _solve_for_free(self.rows, self.pivots, self._columns, self._field)

@@ -5,8 +5,10 @@ at best, with the reason that no verdict was asked for.
 """
 
 import json
+import sys
 import time
-from collections.abc import Generator, Sequence
+import warnings
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -44,6 +46,8 @@ RUNS_TOGETHER: Final = 64
 """Runs of a batch: their histories of a hundred epochs take some 20 MB."""
 ROWS_TOGETHER: Final = 1024
 """Rows that are written at once: a second's."""
+START: Final = "fork" if sys.platform == "linux" else "spawn"
+"""How processes start: forked ones need not load and build everything again."""
 LARGEST: Final = 1e100
 """Size of states and deviations beyond which a run is evaluated by itself."""
 NO_VERDICT: Final = EstimatorStatus().degraded("runs of a batch have no verdict (leave --batch out for one)")
@@ -77,25 +81,40 @@ class Batches:
         for number in range(len(study.cells)):
             own = [run for run in runs if study.run(run).cell == number]
             parts += [own[begin : begin + RUNS_TOGETHER] for begin in range(0, len(own), RUNS_TOGETHER)]
-        if self.processes == 1 or len(parts) == 1:
-            runner = Runner(study)
-            for part in parts:
-                yield from _Batch(runner, part).rows()
-            return
         make = partial(_rows_of_batch, json.dumps(dict(study.document)))
-        with ProcessPoolExecutor(self.processes, get_context("spawn")) as pool:
-            for rows in pool.map(make, parts):
+        try:
+            if self.processes == 1:
+                for part in parts:
+                    yield from make(part)
+                return
+            # of the first batch this process keeps the models and all that was compiled, and hands them on to those that it forks
+            yield from make(parts.pop(0))
+            if parts:
+                yield from self._rows_in_processes(make, parts)
+        finally:
+            _batches_of.cache_clear()
+
+    def _rows_in_processes(
+        self, make: Callable[[Sequence[int]], list[Row]], parts: Sequence[Sequence[int]]
+    ) -> Generator[Row, None, None]:
+        with ProcessPoolExecutor(min(self.processes, len(parts)), get_context(START)) as pool:
+            with warnings.catch_warnings():
+                warnings.simplefilter(
+                    "ignore", DeprecationWarning
+                )  # threads of this process hold nothing that batches need
+                found = pool.map(make, parts)
+            for rows in found:
                 yield from rows
 
 
 @cache
-def _runner(document: str) -> Runner:
-    """Runner of a study, kept by the process that makes its batches."""
-    return Runner(study_from(json.loads(document), "study"))
+def _batches_of(document: str) -> "_Batches":
+    """Batches of a study, kept by the process that makes them."""
+    return _Batches(Runner(study_from(json.loads(document), "study")))
 
 
 def _rows_of_batch(document: str, runs: Sequence[int]) -> list[Row]:
-    return _Batch(_runner(document), runs).rows()
+    return _batches_of(document).rows(runs)
 
 
 def _require_batches(study: Study) -> None:
@@ -115,30 +134,71 @@ def _require_batches(study: Study) -> None:
         require_simulated_together(cell.recording.scenario)
 
 
+class _Batches:
+    """Batches of a study's runs; what is the same in all runs of a cell stays until another cell comes."""
+
+    def __init__(self, runner: Runner) -> None:
+        self._runner = runner
+        self._latest: _CellFilter | None = None
+
+    def rows(self, runs: Sequence[int]) -> list[Row]:
+        """Rows of some runs of one cell; those that need more than compiled epochs are made one by one."""
+        number = self._runner.study.run(runs[0]).cell
+        begin = time.process_time()
+        if self._latest is None or self._latest.number != number:
+            self._latest = _CellFilter(self._runner, number)
+        return _Batch(self._runner, self._latest, runs).rows(begin)
+
+
+class _CellFilter:
+    """The filter of a cell, and the data set of its first seed, initialised: of those of other seeds only values differ."""
+
+    def __init__(self, runner: Runner, number: int) -> None:
+        self.number = number
+        self.cell: Cell = runner.study.cells[number]
+        self.first = runner.study.run(number)
+        self.setup: Setup = runner.setup(self.first)
+        self.estimator = self._started()
+        self.shared_begin = runner.shared_begin(self.first)
+        levels = noise_columns(self.setup.identified, self.cell.recording.levels)
+        bounds = runner.motion_bound(self.first) if runner.study.options.bound == "motion" else {}
+        self.known: Row = {"outcome": "done", "reason": "", "model_errors": ""} | levels | bounds
+
+    def _started(self) -> Estimator:
+        """The filter, started, and with everything compiled that its epochs need."""
+        name, setup = self.cell.estimator, self.setup
+        entry, estimator, twin = (
+            estimator_entries()[name],
+            *(build_estimator(name, setup, self.cell.settings) for _ in range(2)),
+        )
+        begin_with_first_epoch(entry, twin, setup)
+        rehearse(twin, setup.end_of_initialisation, setup.timeline[1:])
+        entry.begin(estimator, setup)
+        return estimator
+
+
 class _Batch:
     """Some runs of one cell."""
 
-    def __init__(self, runner: Runner, runs: Sequence[int]) -> None:
-        self._runner, self._runs = runner, runs
-        self._run = runner.study.run(runs[0])
-        self._cell: Cell = runner.study.cells[self._run.cell]
+    def __init__(self, runner: Runner, filter_of_cell: _CellFilter, runs: Sequence[int]) -> None:
+        self._runner, self._filter, self._runs = runner, filter_of_cell, runs
         root, seeds = runner.study.options.root_seed, [runner.study.run(run).seed for run in runs]
         self._seeds = [run_seeds(root, seed) for seed in seeds]
 
-    def rows(self) -> list[Row]:
-        """Rows of the runs; those that need more than compiled epochs are made one by one."""
-        spent, begin = {}, time.process_time()
-        setup = self._runner.setup(self._run)
-        estimator = self._estimator(setup)
+    def rows(self, begin: float) -> list[Row]:
+        """Rows of the runs, begun at this processor time, s."""
+        spent, setup, cell = {}, self._filter.setup, self._filter.cell
         spent["initialise"] = time.process_time() - begin
         simulated = simulate_runs(
-            self._cell.recording.scenario,
+            cell.recording.scenario,
             [np.random.default_rng(each.motion) for each in self._seeds],
             [np.random.default_rng(each.measurements) for each in self._seeds],
         )
         spent["simulate"] = time.process_time() - begin - sum(spent.values())
         mean = self._beliefs(setup, simulated)
-        taken = estimator.take_in_runs(_epochs(setup, simulated), mean, _tile_factor(setup, mean))
+        taken = self._filter.estimator.take_in_runs(
+            _epochs(setup, simulated), mean, _tile_factor(setup, mean)
+        )
         if taken is None:
             return [self._runner.row(run) for run in self._runs]
         spent["estimate"] = time.process_time() - begin - sum(spent.values())
@@ -146,30 +206,19 @@ class _Batch:
         whole = np.flatnonzero(ended & _are_numbers(taken.rows["mean"][:, -1], taken.rows["factor"][:, -1]))
         results: dict[int, Row] = {}
         if whole.size:
-            evaluation = _evaluation(
-                self._cell.estimator, setup, simulated, mean, taken, whole, spent["estimate"]
-            )
-            results = dict(zip(whole.tolist(), self._results(evaluation, len(whole), setup), strict=True))
+            evaluation = _evaluation(cell.estimator, setup, simulated, mean, taken, whole, spent["estimate"])
+            found = columns_of_runs(evaluation, len(whole), self._filter.shared_begin, metrics())
+            results = dict(zip(whole.tolist(), found, strict=True))
         spent["evaluate"] = time.process_time() - begin - sum(spent.values())
         share = {f"time_{name}_s": seconds / len(self._runs) for name, seconds in spent.items()}
         share["time_total_s"] = sum(share.values())
         study, end = self._runner.study, self._runner.versions | share | when_and_where()
         return [
-            asked(study, run) | results[k] | end if k in results else self._runner.row(run)
+            asked(study, run) | self._filter.known | results[k] | end
+            if k in results
+            else self._runner.row(run)
             for k, run in enumerate(self._runs)
         ]
-
-    def _estimator(self, setup: Setup) -> Estimator:
-        """The cell's filter, started, and with everything compiled that its epochs need."""
-        name, settings = self._cell.estimator, self._cell.settings
-        entry, estimator, twin = (
-            estimator_entries()[name],
-            *(build_estimator(name, setup, settings) for _ in range(2)),
-        )
-        begin_with_first_epoch(entry, twin, setup)
-        rehearse(twin, setup.end_of_initialisation, setup.timeline[1:])
-        entry.begin(estimator, setup)
-        return estimator
 
     def _beliefs(self, setup: Setup, simulated: SimulatedRuns) -> Float[np.ndarray, "r m"]:
         """Means of the first beliefs, as `drawn_start` draws them about each run's truth."""
@@ -177,15 +226,6 @@ class _Batch:
         true = true_states(simulated.truth.chosen(slice(None, None, simulated.epochs)), layout)
         drawn = [np.random.default_rng(each.belief).standard_normal(layout.error_dim) for each in self._seeds]
         return layout.retract(true, np.stack([setup.initial.factor[0] @ each for each in drawn]))
-
-    def _results(self, evaluation: Evaluation, count: int, setup: Setup) -> list[Row]:
-        """Columns of runs that ended."""
-        shared, limits = self._runner.shared_begin(self._run), {}
-        if self._runner.study.options.bound == "motion":
-            limits = self._runner.motion_bound(self._run)
-        levels = noise_columns(setup.identified, self._cell.recording.levels)
-        known = {"outcome": "done", "reason": "", "model_errors": ""} | levels | limits
-        return [known | found for found in columns_of_runs(evaluation, count, shared, metrics())]
 
 
 def _tile_factor(setup: Setup, mean: Float[np.ndarray, "r m"]) -> Float[np.ndarray, "r n n"]:

@@ -39,7 +39,7 @@ from spinfilters.run.estimation import ComparisonExtent, compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import InitialisationOptions, Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_noise
-from spinfilters.verdict.check import LARGEST_MOMENT_STD
+from spinfilters.verdict.checks import LARGEST_MOMENT_STD
 
 LOG_MOMENT_STD: Final = 0.3
 """Of the logarithms of the second moments of `drawn_scenario`, whose mean is removed: 0.5 : 0.8 : 1 to 1 : 1 : 1 are likely."""

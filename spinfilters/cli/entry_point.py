@@ -1,5 +1,6 @@
 """Entry point of the command ``spinfilters``: Ctrl-C is answered before anything else is loaded."""
 
+import gc
 import sys
 
 from spinfilters.cli.interrupts import INTERRUPTED, noted_interrupts, require_uninterrupted
@@ -15,4 +16,6 @@ def main() -> int:
         except KeyboardInterrupt:
             print(f"spinfilters: {INTERRUPTED}", file=sys.stderr)
             return 2
-        return run_command()
+        code = run_command()
+        gc.freeze()  # the interpreter would look through all that is left, several times, only to end
+        return code

@@ -89,6 +89,12 @@ def cross_matrix(v: Vectors) -> Matrices:
     return np.stack(rows, axis=-2)
 
 
+def axial_vector(A: Matrices) -> Vectors:
+    """The v whose [v x] is the antisymmetric part of A; what is symmetric is no rotation."""
+    skew = (A - np.swapaxes(A, -1, -2)) / 2
+    return np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+
+
 def quaternion_from_euler321(angles: Vectors) -> Quaternions:
     """q_ib of yaw, pitch and roll [psi, theta, phi] in rad, of any size: R_ib = Rz(psi) Ry(theta) Rx(phi).
 

@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core import attitude_conversions as conversions
-from spinfilters.core.attitude_conversions import cross_matrix
+from spinfilters.core.attitude_conversions import axial_vector, cross_matrix
 from spinfilters.core.errors import InputError, ShapeError
 
 Array = np.ndarray
@@ -251,9 +251,7 @@ def _matrix_rate(R: Array, w: Array) -> Array:
 
 
 def _body_rate_of_matrix(R: Array, rate: Array) -> Array:
-    skew = np.swapaxes(R, -1, -2) @ rate
-    skew = (skew - np.swapaxes(skew, -1, -2)) / 2  # what is not skew is no rotation
-    return np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+    return axial_vector(np.swapaxes(R, -1, -2) @ rate)
 
 
 def _mrp_rate(s: Array, w: Array) -> Array:

@@ -1,10 +1,10 @@
-"""Linear algebra of covariances: definiteness, roots, signs, normalised squares, LAPACK."""
+"""Linear algebra of covariances: definiteness, roots, signs, normalised squares, LAPACK; and rows of long arrays."""
 
 from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import get_lapack_funcs
 
 from spinfilters.core.large_arrays import release_pages
@@ -140,6 +140,11 @@ def by_stretches(
     if read is not None:
         release_pages(read)
     return whole
+
+
+def evenly_spaced(count: int, most: int) -> Int[np.ndarray, " k"]:
+    """Rows of ``count``, at most so many, evenly spaced from the first to the last."""
+    return np.linspace(0, count - 1, min(most, count)).astype(int)
 
 
 def at_times(

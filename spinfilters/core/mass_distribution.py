@@ -66,12 +66,12 @@ def retract_mass(s: Expression, d: Expression) -> Expression:
 
 def local_mass(s: Expression, other: Expression) -> Expression:
     """The error d that takes s to another mass distribution: D = log(L^-1 S_other L^-T)."""
-    return _components(logarithm(_relative(s, other)))
+    return traceless_components(logarithm(_relative(s, other)))
 
 
 def near_local_mass(s: Expression, other: Expression) -> Expression:
     """`local_mass` to first order in the difference, for derivatives at equality: no logarithm is formed."""
-    return _components(_relative(s, other) - ca.DM.eye(3))
+    return traceless_components(_relative(s, other) - ca.DM.eye(3))
 
 
 def reset_mass_jacobian(d: Expression) -> Expression:
@@ -79,7 +79,7 @@ def reset_mass_jacobian(d: Expression) -> Expression:
     e = ca.SX.sym("e", DIMENSION)
     root = exponential(traceless(d) / 2)
     inverse = _lower_inverse(_cholesky(root @ root.T))
-    moved = _components(inverse @ exponential(traceless(e)) @ inverse.T)
+    moved = traceless_components(inverse @ exponential(traceless(e)) @ inverse.T)
     return ca.substitute(ca.jacobian(moved, e), e, d)
 
 
@@ -124,6 +124,18 @@ def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:
     return np.array([np.log(L[0, 0]), np.log(L[1, 1]), L[1, 0], L[2, 0], L[2, 1]])
 
 
+def inertia_entries(J: Expression) -> Expression:
+    """The lower triangle of J, column by column (6)."""
+    return ca.vertcat(J[0, 0], J[1, 0], J[2, 0], J[1, 1], J[2, 1], J[2, 2])
+
+
+def inertia_from_entries(j: Expression) -> Expression:
+    """J, 3 x 3, from its `inertia_entries`."""
+    return ca.vertcat(
+        ca.horzcat(j[0], j[1], j[2]), ca.horzcat(j[1], j[3], j[4]), ca.horzcat(j[2], j[4], j[5])
+    )
+
+
 def traceless(d: Expression) -> Expression:
     """The symmetric D of trace zero with components d (5)."""
     return ca.vertcat(
@@ -133,7 +145,7 @@ def traceless(d: Expression) -> Expression:
     )
 
 
-def _components(D: Expression) -> Expression:
+def traceless_components(D: Expression) -> Expression:
     """(D_11, D_22, D_21, D_31, D_32) of the traceless part."""
     mean = ca.trace(D) / 3
     return ca.vertcat(D[0, 0] - mean, D[1, 1] - mean, D[1, 0], D[2, 0], D[2, 1])

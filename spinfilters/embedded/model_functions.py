@@ -15,13 +15,19 @@ from spinfilters.core.attitude_expressions import (
     quaternion_rate,
     short_mrp_from_quaternion,
 )
-from spinfilters.core.mass_distribution import inertia, lower_factor, traceless
+from spinfilters.core.mass_distribution import (
+    inertia,
+    inertia_entries,
+    inertia_from_entries,
+    lower_factor,
+    traceless,
+)
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.emitted_sensors import POINT
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel, row_by_row
 from spinfilters.models.process import body_acceleration
 from spinfilters.models.state_blocks import ACCELERATION, MASS_DISTRIBUTION
-from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.state_layout import StateLayout, error_derivative
 
 EVEN_SERIES = (1 / 24, 1 / 1920, 1 / 322560)
 """Of sinh(x)/x - 1 in ad_D^2; what is left out is below 1e-9 for |d| up to 0.3 and below 1e-4 for 1."""
@@ -98,14 +104,6 @@ STAGES = ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6))
 """Of Runge-Kutta 4: where a stage lies on the one before, in substeps, and its weight."""
 
 
-def inertia_of(entries: Expression) -> Expression:
-    """J (3 x 3) from its lower triangle, column by column."""
-    j = entries
-    return ca.vertcat(
-        ca.horzcat(j[0], j[1], j[2]), ca.horzcat(j[1], j[3], j[4]), ca.horzcat(j[2], j[4], j[5])
-    )
-
-
 def substep_expression() -> tuple[list[ca.SX], list[ca.SX]]:
     """Symbolic substep of h seconds with its derivatives.
 
@@ -133,14 +131,14 @@ def _stages(w: ca.SX, j: ca.SX, h: ca.SX) -> tuple[list[ca.SX], list[tuple[ca.SX
     Slopes with derivatives by (w, J), and derivatives (3, 8) of the rates.
     """
     at, entries, k = ca.SX.sym("at", 3), ca.SX.sym("entries", 6), ca.SX.sym("k", 3)
-    J = inertia_of(entries)
+    J = inertia_from_entries(entries)
     torque = (
         ca.cross(J @ at, at) - J @ k
     )  # zero at k = w': its derivatives give those of w' without any of J^-1
     both = ca.horzcat(ca.jacobian(torque, at), ca.jacobian(torque, entries)[:, :INERTIA_ENTRIES])
     slope = ca.Function("slope", [at, entries], [body_acceleration(at, J)])
     residual = ca.Function("residual", [at, entries, k], [both])
-    inverse = ca.inv_minor(inertia_of(j))
+    inverse = ca.inv_minor(inertia_from_entries(j))
     rates, slopes, sensitivities = [], [], []
     k, K = ca.SX(3, 1), ca.SX(3, 8)
     for place, _ in STAGES:
@@ -196,12 +194,9 @@ def inertia_function() -> ca.Function:
     """
     s, d = ca.SX.sym("s", 5), ca.SX.sym("d", 5)
     L = lower_factor(s)
-    D = ca.vertcat(
-        ca.horzcat(d[0], d[2], d[3]), ca.horzcat(d[2], d[1], d[4]), ca.horzcat(d[3], d[4], -d[0] - d[1])
-    )
-    moved = L @ (ca.SX.eye(3) + D) @ L.T  # exp(D) to first order
-    entries = _lower_triangle(inertia(s))
-    slope = ca.jacobian(_lower_triangle(ca.trace(moved) * ca.DM.eye(3) - moved), d)
+    moved = L @ (ca.SX.eye(3) + traceless(d)) @ L.T  # exp(D) to first order
+    entries = inertia_entries(inertia(s))
+    slope = ca.jacobian(inertia_entries(ca.trace(moved) * ca.DM.eye(3) - moved), d)
     slope = slope[:INERTIA_ENTRIES, :] - entries[:INERTIA_ENTRIES] @ (slope[5, :] / entries[5])
     outputs = [entries, row_by_row(ca.substitute(slope, d, ca.SX.zeros(5)))]
     return _function("inertia", {"s": s}, dict(zip(("j", "dj"), outputs, strict=True)))
@@ -302,7 +297,7 @@ def measurement_function(model: MeasurementModel) -> ca.Function:
     away = model.innovation(model.symbolic(moved, p), z)
     here = model.innovation(model.symbolic(state, p), z)
     seen = list(seen_columns(model))
-    jacobian = ca.substitute(-ca.jacobian(away, d)[:, seen], d, ca.SX.zeros(*d.shape))
+    jacobian = -error_derivative(away, d, seen)
     root = ca.SX(model.noise_factor(state, p))
     outputs = {
         "rho": _solve_lower(root, here),
@@ -406,10 +401,6 @@ def _solve_lower(root: ca.SX, right: ca.SX) -> ca.SX:
             row = row - root[k, j] * rows[j]
         rows.append(row / root[k, k])
     return ca.vertcat(*rows)
-
-
-def _lower_triangle(J: Expression) -> Expression:
-    return ca.vertcat(J[0, 0], J[1, 0], J[2, 0], J[1, 1], J[2, 1], J[2, 2])
 
 
 def _symmetric(entries: ca.SX) -> ca.SX:

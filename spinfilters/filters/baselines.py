@@ -21,7 +21,7 @@ from spinfilters.filters.estimator import Estimator, Measurement, ProcessModel, 
 from spinfilters.filters.measurement_prediction import SigmaPointOptions, usable
 from spinfilters.models.measurement import Linearisation
 from spinfilters.models.state_blocks import ATTITUDE
-from spinfilters.models.state_layout import Gaussian, StateLayout
+from spinfilters.models.state_layout import Gaussian, StateLayout, error_derivative
 
 LARGEST_MRP = 4.0
 """|a| at half a revolution: beyond it the shadow set is the shorter name of the same attitude."""
@@ -126,8 +126,7 @@ class GlobalCoordinates:
     def _derivative(self) -> Compiled:
         xi, d = ca.SX.sym("xi", self.layout.error_dim), ca.SX.sym("d", self.layout.error_dim)
         moved = self._coordinates_of(self.layout.retract_expression(self._point_of(xi), d))
-        C = ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(*d.shape))
-        return Compiled(ca.Function("chart_derivative", [xi], [C], ["xi"], ["C"]))
+        return Compiled(ca.Function("chart_derivative", [xi], [error_derivative(moved, d)], ["xi"], ["C"]))
 
     @built_property
     def _shadow(self) -> Compiled:

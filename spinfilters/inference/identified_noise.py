@@ -89,7 +89,7 @@ def disturbance_psd(gyro: MeasurementStream) -> float:
 
 def white_level(gyro: MeasurementStream, found: GyroNoise) -> dict[str, float]:
     """First level of a white error by its noise option, rad/s."""
-    (option,) = (each.name for each in sensor_format(gyro.sensor).noise if each.components is not None)
+    (option,) = sensor_format(gyro.sensor).levels
     rate = float(np.sqrt(np.mean(np.sum(gyro.values**2, axis=1))))
     return {option: max(found.relative_error, SMALLEST_SCALE) * rate}
 
@@ -196,9 +196,8 @@ class Unstated:
         """All levels that a recording has, as if none were stated."""
         options: dict[str, dict[str, tuple[int, ...]]] = {}
         for stream in log.streams:
-            for option in sensor_format(stream.sensor).noise:
-                if option.components is not None:
-                    options.setdefault(option.name, {})[stream.sensor] = option.components
+            for option, components in sensor_format(stream.sensor).levels.items():
+                options.setdefault(option, {})[stream.sensor] = components
         return cls(options, tuple(name for name, psd in noise.densities.items() if psd > 0))
 
 

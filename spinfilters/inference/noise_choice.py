@@ -74,8 +74,7 @@ def log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
 
     def is_stated(stream: MeasurementStream) -> bool:
         """Whether a noise level is stated."""
-        options = [each for each in sensor_format(stream.sensor).noise if each.components is not None]
-        return any(_setting(settings, option.name) != AUTO for option in options)
+        return any(_setting(settings, option) != AUTO for option in sensor_format(stream.sensor).levels)
 
     streams = (replace(s, covariance=None) if is_stated(s) else s for s in log.streams)
     return MeasurementLog(tuple(streams))
@@ -137,9 +136,9 @@ def unstated_noise(
     for stream in log.streams:
         if stream.covariance is not None or unknown is stream:
             continue
-        for option in sensor_format(stream.sensor).noise:
-            if option.components is not None and option.name in names:
-                options.setdefault(option.name, {})[stream.sensor] = option.components
+        for option, components in sensor_format(stream.sensor).levels.items():
+            if option in names:
+                options.setdefault(option, {})[stream.sensor] = components
     densities = tuple(name for name in DENSITIES if name in names)
     return Unstated(options, () if unknown is not None else densities)
 
@@ -249,7 +248,7 @@ def _sources(setup: Setup) -> dict[str, tuple[str, ...]]:
         f"process.{DENSITIES[name].name}": (name,) for name in setup.sought.densities
     }
     for stream in setup.dataset.log.streams:
-        options = [o.name for o in sensor_format(stream.sensor).noise if o.components is not None]
+        options = tuple(sensor_format(stream.sensor).levels)
         if options and all(stream.sensor in setup.sought.options.get(name, ()) for name in options):
-            sources[f"sensor.{stream.sensor}"] = tuple(options)
+            sources[f"sensor.{stream.sensor}"] = options
     return sources

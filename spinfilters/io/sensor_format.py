@@ -136,6 +136,11 @@ class SensorFormat:
     suffix_words: str = ""
 
     @property
+    def levels(self) -> dict[str, tuple[int, ...]]:
+        """Components of a row by the noise option that is their standard deviation."""
+        return {each.name: each.components for each in self.noise if each.components is not None}
+
+    @property
     def covariance_file(self) -> str:
         """Table of the covariances of the rows, next to that of the measurements."""
         return f"{Path(self.file).stem}_covariance.csv"

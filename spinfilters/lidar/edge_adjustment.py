@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 from scipy.special import ndtr
 
 from spinfilters.core.gauss_newton import LeastSquaresEnd, StepEquations, gauss_newton, step_equations
+from spinfilters.core.linear_algebra import evenly_spaced
 from spinfilters.core.ray_angles import angles_of, unit_vectors
 from spinfilters.core.robust_losses import Huber
 from spinfilters.lidar.face_map import Face, FaceInformation, TrackedFaces, adjusted_faces, with_map_errors
@@ -243,7 +244,7 @@ def inner_rays(
     kept = np.flatnonzero(inside_of(angles, noise))
     if len(kept) < FEWEST or border_reach(angles, noise).max() < WIDE:
         return None
-    return kept[np.linspace(0, len(kept) - 1, min(most, len(kept))).astype(int)]
+    return kept[evenly_spaced(len(kept), most)]
 
 
 MOST_RAYS: Final = 2000

@@ -21,7 +21,14 @@ from jaxtyping import Float
 from spinfilters.core.attitude_conversions import cross_matrix
 from spinfilters.core.gauss_newton import StepEquations
 from spinfilters.lidar.planes import FittedPlane
-from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, body_side, move_placement
+from spinfilters.lidar.scan_pose import (
+    ROTATION_PRIOR,
+    ScanPose,
+    body_side,
+    move_placement,
+    prior_stds,
+    rotation_variance,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +42,11 @@ class Face:
     def tangents(self) -> Float[np.ndarray, "3 2"]:
         """Two unit tangents of the face."""
         return np.linalg.svd(self.normal[None])[2][1:].T
+
+    def moved(self, change: Float[np.ndarray, "3"]) -> "Face":
+        """The face after a change of its normal along its tangents and of its offset."""
+        normal = self.normal + self.tangents @ change[:2]
+        return Face(normal / np.linalg.norm(normal), self.offset + float(change[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,7 +312,7 @@ def _normal_equations_of_scan(
     The drift (6) comes after the faces; the prior says that the pose is somewhere near.
     """
     seen, pose, count = evidence.of(tracked, number, robust), tracked.poses[number], 3 * len(tracked.faces)
-    own = seen.own + np.diag(np.repeat([ROTATION_PRIOR, size], 3) ** -2.0)
+    own = seen.own + np.diag(prior_stds(size) ** -2.0)
     cross, shared = np.pad(seen.cross, ((0, 0), (0, 6))), np.pad(seen.shared, (0, 6))
     own_side, shared_side = seen.own_side.copy(), np.pad(seen.shared_side, (0, 6))
     # the drift as a measurement of the place: t = along . motion, whose columns come after those of the faces
@@ -375,15 +387,14 @@ def _apply_step(
     tracked: TrackedFaces, blocks: Sequence[FaceInformation], step: Float[np.ndarray, " m"]
 ) -> TrackedFaces:
     """Faces after a step, and the poses that it leads to."""
-    poses, faces = [], []
+    poses = []
     for pose, each in zip(tracked.poses, blocks, strict=True):
         own = np.linalg.solve(each.own, each.own_side - each.cross @ step)  # back-substitution of the pose
         R, t = move_placement((pose.rotation, pose.translation), own)
         poses.append(replace(pose, rotation=R, translation=t))
-    for face, change in zip(tracked.faces, step[: 3 * len(tracked.faces)].reshape(-1, 3), strict=True):
-        normal = face.normal + face.tangents @ change[:2]
-        faces.append(Face(normal / np.linalg.norm(normal), face.offset + float(change[2])))
-    return TrackedFaces(tuple(poses), tuple(faces), tracked.matches)
+    changes = step[: 3 * len(tracked.faces)].reshape(-1, 3)
+    faces = tuple(face.moved(change) for face, change in zip(tracked.faces, changes, strict=True))
+    return TrackedFaces(tuple(poses), faces, tracked.matches)
 
 
 CONTRADICTION: Final = 8.0
@@ -440,5 +451,5 @@ def consistent_faces(
 def _is_near(plane: FittedPlane, face: Face, pose: ScanPose, drift: Drift, number: int, size: float) -> bool:
     """Whether a plane lies where its face is, within what plane, attitude and drift leave open."""
     off = pose.rotation @ face.normal @ (plane.centroid - drift.place(number)) - face.offset
-    tilt = size**2 * float(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1])
+    tilt = size**2 * rotation_variance(pose)
     return abs(off) < CONTRADICTION * np.sqrt(plane.covariance[2, 2] + tilt + drift.scatter**2)

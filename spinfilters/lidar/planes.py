@@ -10,6 +10,7 @@ from scipy.ndimage import uniform_filter
 from scipy.optimize import nnls
 
 from spinfilters.core.chi_square import chi_square_median
+from spinfilters.core.linear_algebra import evenly_spaced
 from spinfilters.core.ray_angles import angles_of, unit_vectors
 from spinfilters.lidar.scan import Scan, angle_tree
 
@@ -69,8 +70,7 @@ def identified_noise(scans: Sequence[Scan]) -> PointNoise:
     all faces are steep, ranges hardly determine their own noise. Angles that the slopes do not separate are assumed alike.
     """
     usable = [scan for scan in scans if np.count_nonzero(scan.is_return) > 2 * _PATCH]
-    chosen = np.unique(np.linspace(0, len(usable) - 1, min(_SCANS, len(usable))).astype(int))
-    samples = [_patch_residuals(usable[k].points) for k in chosen]
+    samples = [_patch_residuals(usable[k].points) for k in evenly_spaced(len(usable), _SCANS)]
     if not samples:
         return PointNoise(0.0, 0.0, 0.0)
     return _noise_of_slopes(np.concatenate(samples, axis=1))
@@ -109,10 +109,9 @@ def _patch_residuals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3 m
     The range is fitted rather than a plane in space: where beams lie closer than the noise a cloud is thickest along the range.
     Over a tangent plane the inverse depth of a plane is linear; its range is curved, for near bodies by more than the noise.
     """
-    kept = points[np.linspace(0, len(points) - 1, min(_LOOKED_AT, len(points))).astype(int)]
+    kept = points[evenly_spaced(len(points), _LOOKED_AT)]
     angles = np.stack(angles_of(kept), axis=1)
-    seeds = np.linspace(0, len(kept) - 1, min(_PATCHES, len(kept))).astype(int)
-    rows = angle_tree(angles).query(angles[seeds], _PATCH)[1]
+    rows = angle_tree(angles).query(angles[evenly_spaced(len(kept), _PATCHES)], _PATCH)[1]
     middle = angles[rows].mean(axis=1)
     centre = unit_vectors(*middle.T)
     by_azimuth, by_elevation = (each / np.sum(each**2, axis=1, keepdims=True) for each in _lateral(centre))
@@ -352,6 +351,6 @@ def border_reach(angles: Float[np.ndarray, "n 2"], noise: PointNoise) -> Float[n
 
 def _angular_step(angles: Float[np.ndarray, "n 2"]) -> float:
     """Median angle between neighbouring rays, rad."""
-    sample: Int[np.ndarray, " s"] = np.linspace(0, len(angles) - 1, min(500, len(angles))).astype(int)
+    sample = evenly_spaced(len(angles), 500)
     near = angle_tree(angles).query(angles[sample], 2)[0][:, 1]
     return float(max(np.median(near), 1e-12))

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.gauss_newton import StepEquations, gauss_newton, step_equations
+from spinfilters.core.linear_algebra import evenly_spaced
 from spinfilters.core.robust_losses import median_deviation
 from spinfilters.lidar.scan_pose import Placement, move_placement
 
@@ -244,7 +245,7 @@ def coarse_pose(
 
 def cloud_of(points: Float[np.ndarray, "n 3"], viewpoint: Float[np.ndarray, "3"], most: int) -> Cloud:
     """A scan's thinned cloud; normals come from all of its points and face the viewpoint."""
-    kept = points[np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)]
+    kept = points[evenly_spaced(len(points), most)]
     tree = KDTree(points)
     around = points[tree.query(kept, min(NEIGHBOURS, len(points)))[1]]
     centred = around - around.mean(axis=1, keepdims=True)

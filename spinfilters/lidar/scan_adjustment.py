@@ -49,6 +49,7 @@ from spinfilters.lidar.scan_pose import (
     largest_departure,
     pose_covariance,
     predicted_pose,
+    prior_stds,
 )
 
 HELD: Final = 1e-3
@@ -369,7 +370,7 @@ def _squared_changes(before: ScanPose, after: ScanPose) -> Float[np.ndarray, "6"
 
 def _determines_pose(information: Float[np.ndarray, "6 6"], size: float) -> bool:
     """Whether an information over (rotation, shift) in g leaves no direction of a pose to its prediction."""
-    scale = np.repeat([ROTATION_PRIOR, size], 3)
+    scale = prior_stds(size)
     return bool(np.linalg.eigvalsh(scale[:, None] * information * scale)[0] > 1.0 / UNDETERMINED)
 
 

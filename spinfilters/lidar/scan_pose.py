@@ -74,6 +74,11 @@ def angles_from(poses: Sequence[ScanPose], R: Float[np.ndarray, "3 3"]) -> Float
     return angle_from_matrix(nearest_rotation(apart))
 
 
+def prior_stds(size: float) -> Float[np.ndarray, "6"]:
+    """Standard deviations of a predicted pose over (rotation, rad, and translation, m) of a body of this size, m."""
+    return np.repeat([ROTATION_PRIOR, size], 3)
+
+
 def pose_covariance(
     information: Float[np.ndarray, "6 6"], rotation: Float[np.ndarray, "3 3"], size: float
 ) -> tuple[Float[np.ndarray, "6 6"], tuple[str, ...]]:
@@ -82,7 +87,7 @@ def pose_covariance(
     The prior of a predicted pose, `ROTATION_PRIOR` and the body's ``size`` (m), fills directions that the scan does not determine:
     there the covariance is the prior's, and they are named.
     """
-    scale = np.repeat([ROTATION_PRIOR, size], 3)
+    scale = prior_stds(size)
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale + np.eye(6))
     return _describe_pose(1 / np.maximum(values, 1.0), vectors, rotation, size)
 
@@ -91,7 +96,7 @@ def described_covariance(
     covariance: Float[np.ndarray, "6 6"], rotation: Float[np.ndarray, "3 3"], size: float
 ) -> tuple[Float[np.ndarray, "6 6"], tuple[str, ...]]:
     """A covariance over (rotation in L, translation) that holds the prior already, as `pose_covariance` returns it."""
-    scale = np.repeat([ROTATION_PRIOR, size], 3)
+    scale = prior_stds(size)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return _describe_pose(values[::-1], vectors[:, ::-1], rotation, size)
 
@@ -103,7 +108,7 @@ def _describe_pose(
     size: float,
 ) -> tuple[Float[np.ndarray, "6 6"], tuple[str, ...]]:
     """Covariance (translation, body-side rotation), from eigenvalues in variances of the prior, with what it lacks."""
-    scale = np.repeat([ROTATION_PRIOR, size], 3)
+    scale = prior_stds(size)
     lacking = [_describe_direction(vectors[:, k] * scale, size) for k in range(6) if values[k] > UNDETERMINED]
     # next to an undetermined direction, rounding loses smaller variances
     values = np.maximum(values, LEAST_VARIANCE * values.max())
@@ -246,14 +251,18 @@ def drifted_origin(
     t = r + v time - R c with the centre c in g; r, v and c of least squares.
     """
     last, span = poses[-1], poses[-1].time - poses[0].time
+
+    def by_drift(time: float, rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 9"]:
+        """Derivative of the origin's place, less the last one, by (r, v over the whole span, c)."""
+        return np.hstack([np.eye(3), np.eye(3) * (time - last.time) / span, last.rotation - rotation])
+
     H, b = np.eye(9) / size**2, np.zeros(9)
     for pose in poses:
         W = np.linalg.inv(pose.covariance[:3, :3] + (EXACT * size) ** 2 * np.eye(3))
-        A = np.hstack([np.eye(3), np.eye(3) * (pose.time - last.time) / span, last.rotation - pose.rotation])
+        A = by_drift(pose.time, pose.rotation)
         H += A.T @ W @ A
         b += A.T @ W @ (pose.translation - last.translation)
-    A = np.hstack([np.eye(3), np.eye(3) * (time - last.time) / span, last.rotation - rotation])
-    return last.translation + A @ np.linalg.solve(H, b)
+    return last.translation + by_drift(time, rotation) @ np.linalg.solve(H, b)
 
 
 def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.ndarray, "3 3"]:
@@ -283,7 +292,12 @@ def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.nd
 
 def rotation_std(pose: ScanPose) -> float:
     """Standard deviation of the least certain rotation, rad."""
-    return float(np.sqrt(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1]))
+    return float(np.sqrt(rotation_variance(pose)))
+
+
+def rotation_variance(pose: ScanPose) -> float:
+    """Variance of the least certain rotation, rad^2."""
+    return float(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1])
 
 
 def attitude_stds(poses: Sequence[ScanPose]) -> Float[np.ndarray, " n"]:

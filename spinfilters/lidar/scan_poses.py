@@ -110,15 +110,11 @@ def _follow_faces(
         for plane_number, plane in enumerate(seen):
             if plane_number not in of_plane:
                 of_plane[plane_number] = len(faces)
-                faces.append(_face_of_plane(plane, R, t))
+                faces.append(Face(R.T @ plane.normal, float(plane.normal @ (plane.centroid - t))))
         matches.append(tuple(of_plane[each] for each in range(len(seen))))
         known = pose_equations([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t).information
         poses.append(ScanPose(time, R, t, pose_covariance(known, R, size)[0]))
     return poses, faces, matches
-
-
-def _face_of_plane(plane: FittedPlane, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> Face:
-    return Face(R.T @ plane.normal, float(plane.normal @ (plane.centroid - t)))
 
 
 def _match_planes(
@@ -288,9 +284,7 @@ def _refit_face(
             W = np.linalg.inv(plane.covariance)
             H += J.T @ W @ J
             b -= J.T @ W @ residual
-    step = np.linalg.solve(H, b)
-    normal = face.normal + face.tangents @ step[:2]
-    return Face(normal / np.linalg.norm(normal), face.offset + float(step[2]))
+    return face.moved(np.linalg.solve(H, b))
 
 
 PLANE_SHARE: Final = 0.75

@@ -34,7 +34,7 @@ from spinfilters.live.sources import ArrivedEpoch
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import Verdict
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
-from spinfilters.verdict.check import LARGEST_NIS, LARGEST_REJECTED
+from spinfilters.verdict.checks import LARGEST_NIS, LARGEST_REJECTED
 from spinfilters.verdict.filter_diagnostics import LARGEST_RATIO
 
 WINDOW = 60

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
+from spinfilters.core.attitude_conversions import axial_vector, matrix_from_rotation_vector
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.conventions import PerRun
 from spinfilters.core.linear_algebra import by_stretches, with_largest_positive
@@ -271,11 +271,7 @@ def turn_of_axes(
     Both are matrices with an axis in each row, in the coordinates of g.
     """
     R = axes @ np.swapaxes(others, -1, -2)
-    R = R * np.sign(np.diagonal(R, axis1=-2, axis2=-1))[..., np.newaxis, :]
-    antisymmetric = R - np.swapaxes(R, -1, -2)
-    return 0.5 * np.stack(
-        [antisymmetric[..., 2, 1], antisymmetric[..., 0, 2], antisymmetric[..., 1, 0]], axis=-1
-    )
+    return axial_vector(R * np.sign(np.diagonal(R, axis1=-2, axis2=-1))[..., np.newaxis, :])
 
 
 def body_estimate(belief: Gaussian, intervals: bool = True) -> BodyEstimate:
@@ -404,8 +400,7 @@ def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n
 def _bound_deviations(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
     """The covariance with standard deviations of at most `UNDETERMINED_STD`, correlations kept."""
     std = np.sqrt(np.einsum("nkk->nk", covariance))
-    share = UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD)
-    return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]
+    return _scaled(covariance, UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD))
 
 
 def _with_std(
@@ -413,8 +408,16 @@ def _with_std(
 ) -> Float[np.ndarray, "n 3 3"]:
     """The covariance with the standard deviation of an unknown axis, where so."""
     std = np.sqrt(np.einsum("nkk->nk", covariance))
-    share = np.where(undetermined, UNDETERMINED_STD / np.maximum(std, np.finfo(float).tiny), 1.0)
-    return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]
+    return _scaled(
+        covariance, np.where(undetermined, UNDETERMINED_STD / np.maximum(std, np.finfo(float).tiny), 1.0)
+    )
+
+
+def _scaled(
+    covariance: Float[np.ndarray, "n 3 3"], by: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3 3"]:
+    """The covariance of errors that are so many times larger."""
+    return covariance * by[:, :, np.newaxis] * by[:, np.newaxis]
 
 
 def _right_handed(vectors: np.ndarray) -> Float[np.ndarray, "*n 3 3"]:

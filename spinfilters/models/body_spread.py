@@ -37,8 +37,10 @@ in all five directions of D: its distance has the distribution of a chi of five 
 as R of a normal number. So its departure counts R5 / R times.
 """
 
+import ctypes
 from dataclasses import dataclass
 from functools import cache
+from importlib.resources import files
 from itertools import product
 from typing import Final
 
@@ -47,7 +49,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import rotation_vector_from_matrix
-from spinfilters.core.compiled import Compiled
+from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
+from spinfilters.core.compiled import Compiled, address
 from spinfilters.core.mass_distribution import DIMENSION, inertia, retract_mass
 from spinfilters.core.working_time import building
 
@@ -68,6 +71,18 @@ def body_spread(
     """
     steps = principal_steps(factor)
     points, weights = _cubature()
+    library = _library()
+    if library is not None:
+        given = tuple(
+            np.ascontiguousarray(each, dtype=float)
+            for each in (_lower_factors(s), steps, axes, points, weights)
+        )
+        found = tuple(np.empty((len(s), size, size)) for size in (3, 2, 3))
+        room = np.empty((len(points), 8))
+        library.body_spread(
+            len(s), *map(address, given[:3]), len(points), *map(address, (*given[3:], room, *found))
+        )
+        return found[0], found[1], found[2]
     offsets = np.einsum("pe,nke->npk", points, steps)
     J = _moved_inertia()(np.repeat(s[:, np.newaxis], offsets.shape[1], 1), offsets)[0].reshape(
         len(s), -1, 3, 3
@@ -192,7 +207,16 @@ def widest_departures(
     lengths = np.linalg.svd(np.nan_to_num(L), compute_uv=False)
     absurd = ~(2 * np.abs(np.log(lengths)).max(axis=1) < LARGEST_LOG)
     L = np.where(absurd[:, np.newaxis, np.newaxis], np.eye(3), L)
-    bodies = _Bodies(L, principal_steps(factor, _round_errors(L)[:, 0]), axes)
+    errors, library = _round_errors(L), _library()
+    bodies = _Bodies(L, principal_steps(factor, errors[:, 0]), axes)
+    if library is not None:
+        found = np.empty((len(s), 7))
+        given = tuple(np.ascontiguousarray(each, dtype=float) for each in (L, bodies.steps, axes, errors))
+        library.widest_departures(
+            len(s), *map(address, given), sphere_reach(), address(FRACTIONS), address(found)
+        )
+        found[absurd] = np.nan
+        return np.pad(found[:, :2], ((0, 0), (0, 1))), found[:, 2:4], found[:, 4:]
     y, at, distance = _extremes(bodies)
     y[absurd] = np.nan
     away, shares = np.abs(at - y[:, np.newaxis]), _shares(distance)
@@ -371,3 +395,20 @@ def _by_components(G: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n 5"]:
     first, second = G[..., 0, 0] - G[..., 2, 2], G[..., 1, 1] - G[..., 2, 2]
     off = [G[..., 1, 0] + G[..., 0, 1], G[..., 2, 0] + G[..., 0, 2], G[..., 2, 1] + G[..., 1, 2]]
     return np.stack([first, second, *off], axis=-1)
+
+
+@cache
+def _library() -> ctypes.PyDLL | None:
+    """The loops of `body_spread.c`; None without a compiler."""
+    numbers = {"REACH": REACH, "NEAREST": NEAREST, "SMALLEST_GAP": SMALLEST_GAP}
+    text = f"enum {{ LANES = {LANES}, STEPS = {STEPS}, SEARCHES = {len(SOUGHT)} }};\n"
+    text += "".join(f"static const double {name} = {value!r};\n" for name, value in numbers.items())
+    text += files("spinfilters.models").joinpath("body_spread.c").read_text()
+    flags = (*KERNEL_FLAGS, "-fno-strict-aliasing", "-Wno-psabi")
+    return with_signatures(
+        load_text("body_spread", text, flags),
+        {
+            "body_spread": Signature("ipppipppppp", None),
+            "widest_departures": Signature("ippppdpp", None),
+        },
+    )

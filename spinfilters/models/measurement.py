@@ -17,7 +17,7 @@ from spinfilters.core.attitude_expressions import Expression
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.vectorised import Vectorised
 from spinfilters.core.working_time import building, built_property
-from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.state_layout import StateLayout, error_derivative
 
 ByError = Callable[[Expression, Expression, Expression], tuple[Expression, Expression]]
 """Gives a measured value and the parameters of its measurement, were the calibration larger by an error."""
@@ -532,6 +532,11 @@ class MeasurementModel(ABC):
         factor = ca.SX(self.noise_factor(self.layout.unpack(x), p))
         return ca.solve(factor, ca.SX.eye(self.dim)), _log_determinant(factor)
 
+    def _retract_symbol(self, x: ca.SX) -> tuple[dict[str, Expression], ca.SX]:
+        """The state moved by an error, and this error."""
+        d = ca.SX.sym("d", self.layout.error_dim)
+        return self.layout.unpack(self.layout.retract_expression(x, d)), d
+
     @built_property
     def linearisation(self) -> Vectorised:
         """Linearisation of many values side by side.
@@ -541,12 +546,9 @@ class MeasurementModel(ABC):
         noise factor.
         """
         x, p, z = self._symbols
-        d = ca.SX.sym("d", self.layout.error_dim)
+        moved, d = self._retract_symbol(x)
         state = self.layout.unpack(x)
-        moved = self.layout.unpack(self.layout.retract_expression(x, d))
-        expected = self.symbolic(moved, p)
-        away = self.innovation(expected, z)
-        jacobian = ca.substitute(-ca.jacobian(away, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
+        jacobian = -error_derivative(self.innovation(self.symbolic(moved, p), z), d, self.columns)
         whitening, log_noise = self._whitening_expression(x, p)
         innovation = self.innovation(self.symbolic(state, p), z)
         outputs = [
@@ -742,7 +744,7 @@ class LandmarkSensor(MeasurementModel):
         at, d = self._retract_symbol(x)
         expected = self.innovation(self.symbolic(at, p), z)
         here = self.innovation(self.symbolic(self.layout.unpack(x), p), z)
-        jacobian = ca.substitute(-ca.jacobian(expected, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
+        jacobian = -error_derivative(expected, d, self.columns)
         return self._whitening_expression(x, p)[0], here, jacobian, -ca.jacobian(here, p)[:, :3]
 
     @built_property
@@ -751,14 +753,9 @@ class LandmarkSensor(MeasurementModel):
         at, d = self._retract_symbol(x)
         state = self.layout.unpack(x)
         point = self.landmark(state, z, p)
-        moved = self.landmark(at, z, p)
-        jacobian = ca.substitute(ca.jacobian(moved, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
+        jacobian = error_derivative(self.landmark(at, z, p), d, self.columns)
         spread = ca.jacobian(point, z) @ ca.SX(self.noise_factor(state, p))
         root = ca.qr(spread.T)[1].T
         valid = ca.fmin(self.determined(z, p), self.valid(state, ca.vertcat(point, p[3:])))
         outputs = [point, row_by_row(jacobian), row_by_row(root), valid]
         return self._function("new_landmarks", [x, p, z], outputs)
-
-    def _retract_symbol(self, x: ca.SX) -> tuple[dict[str, Expression], ca.SX]:
-        d = ca.SX.sym("d", self.layout.error_dim)
-        return self.layout.unpack(self.layout.retract_expression(x, d)), d

@@ -23,6 +23,7 @@ from spinfilters.core.attitude_expressions import (
 )
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError, SpinfiltersError
+from spinfilters.core.mass_distribution import inertia_from_entries
 from spinfilters.core.vectorised import VectorisedScan
 from spinfilters.core.working_time import building, built_property
 from spinfilters.io.disturbances import DISTURBANCES, WHITE_FORCE, WHITE_TORQUE, noise_columns, noise_dim
@@ -189,10 +190,7 @@ class RotationSubsteps:
         return ca.vertcat(normalised(after[:4]), after[4:7])
 
     def _rotation_rate(self, y: Expression, p: Expression) -> Expression:
-        j = p[self._parameters[MASS_DISTRIBUTION.name]]  # the lower triangle of J, column by column
-        J = ca.vertcat(
-            ca.horzcat(j[0], j[1], j[2]), ca.horzcat(j[1], j[3], j[4]), ca.horzcat(j[2], j[4], j[5])
-        )
+        J = inertia_from_entries(p[self._parameters[MASS_DISTRIBUTION.name]])
         constants = {
             term: p[self._parameters[block.name]] if self._layout.has(block) else None
             for term, block in ACCELERATION_TERMS.items()

@@ -24,6 +24,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.mass_distribution import (
     from_second_moments,
     inertia,
+    inertia_entries,
     local_mass,
     near_local_mass,
     reset_mass_jacobian,
@@ -299,12 +300,6 @@ def _reset_attitude(d: Expression) -> Expression:
     return ca.substitute(jacobian, e, d)
 
 
-def _inertia_entries(s: Expression) -> Expression:
-    """The lower triangle of J(s), column by column."""
-    J = inertia(s)
-    return ca.vertcat(J[0, 0], J[1, 0], J[2, 0], J[1, 1], J[2, 1], J[2, 2])
-
-
 def _rotated_mass(s: Expression, R: Expression, rho: Expression) -> Expression:
     return from_second_moments(R @ second_moments(s) @ R.T)
 
@@ -394,7 +389,7 @@ MASS_DISTRIBUTION: Final = StateBlock(
     prior_option="mass_std",
     chart=ErrorChart(retract_mass, local_mass, near_local_mass, reset_mass_jacobian),
     largest_step=1.0,
-    rotation=RotationParameters(6, _inertia_entries),
+    rotation=RotationParameters(6, lambda s: inertia_entries(inertia(s))),
     after_gauge_move=_rotated_mass,
 )
 """See `spinfilters.core.mass_distribution`."""

@@ -1,11 +1,11 @@
 """Layout of a state, blocks in order with their retraction and its derivatives, and Gaussian beliefs over a layout."""
 
 import builtins
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -423,6 +423,14 @@ class StateLayout:
             Point of the layout.
         """
         return np.array([number for block in self.members for number in block.origin])
+
+
+EVERY: Final = builtins.slice(None)
+
+
+def error_derivative(y: Expression, d: ca.SX, columns: Sequence[int] | builtins.slice = EVERY) -> Expression:
+    """dy/dd at d = 0 of an error d, or of the chosen components of it."""
+    return ca.substitute(ca.jacobian(y, d)[:, columns], d, ca.SX.zeros(*d.shape))
 
 
 @building()

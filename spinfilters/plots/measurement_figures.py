@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
 
+from spinfilters.core.linear_algebra import evenly_spaced
 from spinfilters.lidar.scan import Scan
 from spinfilters.plots.scene import equal_scales
 from spinfilters.plots.style import BLUE, GREEN, GREY, ORANGE, RED, legend_below, tidy
@@ -256,7 +257,7 @@ def scan_figure(scan: Scan, title: str) -> Figure:
     flat, space = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
     assert isinstance(space, Axes3D)
     rows = np.flatnonzero(scan.is_return)
-    kept = np.linspace(0, len(rows) - 1, min(len(rows), MOST_POINTS)).astype(int)
+    kept = evenly_spaced(len(rows), MOST_POINTS)
     points, rows = scan.points[kept], rows[kept]
     varied = np.ptp(scan.intensity[rows]) > 1e-6
     colour, words = (scan.intensity[rows], "intensity") if varied else (scan.distance[rows], "range (m)")

@@ -50,7 +50,7 @@ from spinfilters.run.run_folder import (
 )
 from spinfilters.run.run_summary import read_process
 from spinfilters.settings.run_settings import Settings
-from spinfilters.verdict.check import base_name
+from spinfilters.verdict.checks import base_name
 from spinfilters.verdict.model_errors.alternatives import Alternative
 from spinfilters.verdict.model_errors.score_tests import ScoreTest
 from spinfilters.verdict.tested_models import TestedModels, model_findings

@@ -1,11 +1,300 @@
-"""All checks of the verdict, in the order of their sentences."""
+"""All checks of the verdict: what a check is, the evidence it is given, tests of an estimate by its own numbers, and their list."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Final
 
+import numpy as np
+from scipy.special import pdtrc
+
+from spinfilters.core.chi_square import chi_square_tail
+from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.models.status import ALL, BODY, MOMENTS, NOTHING, OWN_STATUS, Finding, Holds
-from spinfilters.verdict import check as of_estimate
-from spinfilters.verdict.check import Check, Needs, base_name
+
+MOST_DIGITS: Final = 17
+"""With which two different numbers are printed differently."""
+
+
+class Needs(StrEnum):
+    """Evidence that a check is computed from."""
+
+    RECORDING = "the recording"
+    INITIALISATION = "the first epochs, smoothed"
+    ESTIMATE = "the estimate"
+    FILTER = "a filter's own epochs"
+    SMOOTHER = "the smoother of the same measurements"
+    PEERS = "other estimators"
+    RESIDUALS = "the residuals of the smoothed motion"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What a failed test found.
+
+    Attributes
+    ----------
+    numbers : Mapping[str, float or str]
+        For the templates of the check.
+    about : frozenset[str] or None
+        Quantities that do not hold; None leaves those of the check.
+    """
+
+    numbers: Mapping[str, float | str] = field(default_factory=dict)
+    about: frozenset[str] | None = None
+
+
+Test = Callable[["Evidence"], Iterable[Failure]]
+
+
+@dataclass(frozen=True)
+class Check:
+    """One reason to doubt a result.
+
+    Attributes
+    ----------
+    name : str
+        As summary.json and the docs call it.
+    about : frozenset[str]
+        Quantities that do not hold where it fails, unless its finding names them.
+    needs : Needs
+        What it is computed from.
+    asks : str
+        The test in one sentence, with its limit.
+    false_alarm : str
+        Probability that it fails where nothing is wrong.
+    sentence, cure : str
+        Templates over the numbers of a finding.
+    test : Test or None
+        Outcomes of the evidence, none where all is well. None of a check that is made where its numbers arise, in readers,
+        initialisation, estimators and the tests of models and noise; its findings come with the evidence.
+    leaves : Holds
+        What the quantities are then, doubtful or not determined.
+    is_cause : bool
+        Whether what it finds is certain and makes other checks fail: it is stated first, and their cures would hide it.
+    """
+
+    name: str
+    about: frozenset[str]
+    needs: Needs
+    asks: str
+    false_alarm: str
+    sentence: str
+    cure: str
+    test: Test | None = None
+    leaves: Holds = Holds.DOUBTFUL
+    is_cause: bool = False
+
+    @property
+    def may_follow(self) -> bool:
+        """Whether it may fail because of a cause alone: what estimates say, not what the recording itself shows."""
+        speaks_of_estimate = bool(self.about) or self.leaves is Holds.NOT_DETERMINED
+        return self.needs is not Needs.RECORDING and speaks_of_estimate
+
+    def finding(
+        self, numbers: Mapping[str, float | str], about: frozenset[str] | None = None, which: str = ""
+    ) -> Finding:
+        """Finding with these numbers.
+
+        Parameters
+        ----------
+        numbers : Mapping[str, float or str]
+            For the templates.
+        about : frozenset[str] or None
+            Quantities that do not hold; None leaves those of the check.
+        which : str
+            What was found, of a check that looks for several things.
+        """
+        name = f"{self.name}:{which}" if which else self.name
+        return Finding(
+            name, _fill_sentence(self.sentence, numbers), self.cure.format(**numbers), numbers, about
+        )
+
+
+def _fill_sentence(sentence: str, numbers: Mapping[str, float | str]) -> str:
+    """A sentence with its numbers, of which those get more digits that would read like the limit which they miss."""
+    limit = float(numbers.get("limit", "nan"))
+
+    def apart(field: re.Match[str]) -> str:
+        """A field with so many digits that its number is not printed as the limit."""
+        value, digits = float(numbers[field[1]]), int(field[2])
+        while value != limit and float(f"{value:.{digits}g}") == limit and digits < MOST_DIGITS:
+            digits += 1
+        return f"{{{field[1]}:.{digits}g}}"
+
+    return re.sub(r"\{(\w+):\.(\d)g\}", apart, sentence).format(**numbers)
+
+
+def base_name(finding: str) -> str:
+    """Name of the check of a finding's name."""
+    return finding.split(":", 1)[0]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that the verdict on one estimate rests on.
+
+    Attributes
+    ----------
+    evaluation : Evaluation
+        The estimate, with covariances that hold with errors that may be correlated.
+    others : Sequence[Evaluation]
+        Other estimators of the same measurements that have not failed.
+    gate_false_alarm : float
+        Probability that a measurement is refused whose noise is as stated.
+    found : Sequence[Finding]
+        Failed checks of the recording, its initialisation, its noise and its models.
+    centre_prior_std : float
+        Standard deviation of the centre of mass before anything was measured, m; infinite where it is not known.
+    expected_nis : float
+        Least NIS per degree of freedom that the noise is meant to give; below one where it is wide on purpose.
+    streams : Sequence[MeasurementStream]
+        What the estimate was made from, one of each sensor.
+    """
+
+    evaluation: Evaluation
+    others: Sequence[Evaluation] = ()
+    gate_false_alarm: float = 0.0
+    found: Sequence[Finding] = field(default_factory=tuple)
+    centre_prior_std: float = float("inf")
+    expected_nis: float = 1.0
+    streams: Sequence[MeasurementStream] = ()
+
+    @property
+    def peers(self) -> list[Evaluation]:
+        """Other estimators than this one that have not failed."""
+        return [each for each in not_failed(self.others) if each.name != self.evaluation.name]
+
+    @property
+    def present(self) -> frozenset[Needs]:
+        """Kinds of evidence that are present, from which tests of an estimate can be computed.
+
+        A smoother of the same measurements and residuals are tested where they arise, and come as findings.
+        """
+        own = {Needs.RECORDING, Needs.ESTIMATE}
+        if self.evaluation.nis_ratio is not None:
+            own.add(Needs.FILTER)
+        if self.peers:
+            own.add(Needs.PEERS)
+        return frozenset(own)
+
+
+LARGEST_MOMENT_STD: Final = 0.1
+"""Of a principal moment relative to the largest: beyond it the body's shape is not known."""
+CLEAR_OF_ZERO: Final = 3.0
+"""Standard deviations of the smallest moment above zero: below, the ratio k2 to the next has no upper bound."""
+LARGEST_NIS: Final = 2.5
+"""NIS per degree of freedom above which measurement or process noise is clearly understated."""
+SMALLEST_NIS: Final = 1 / LARGEST_NIS
+"""Of the NIS that is expected, below which the noise is clearly overstated."""
+LARGEST_REJECTED: Final = 0.2
+"""Share of measurements left out, beyond which whatever makes them cannot be trusted."""
+LEFT_OUT: Final = "measurements-left-out"
+"""Check of measurements that were refused, of a recording or of one estimator."""
+FALSE_ALARM: Final = 1e-6
+"""Probability that a recording whose noise is what it is said to be, of any length, is doubted for what gates refused."""
+LARGEST_GAP: Final = 10.0
+"""Between two epochs, in median intervals: beyond it the estimate in between is a prediction."""
+DISAGREEMENT_STD: Final = 4.0
+DISAGREEMENT: Final = 0.01
+"""Two estimators on the same measurements disagree beyond both of these."""
+
+
+def moments_undetermined(evidence: Evidence) -> Iterator[Failure]:
+    """Moments whose standard deviation leaves the body's shape unknown."""
+    worst = float(np.max(evidence.evaluation.body.principal_moments_std))
+    if worst > LARGEST_MOMENT_STD:
+        yield Failure({"std": worst, "limit": LARGEST_MOMENT_STD})
+
+
+def moment_may_be_zero(evidence: Evidence) -> Iterator[Failure]:
+    """A smallest moment that its standard deviation does not distinguish from zero."""
+    body = evidence.evaluation.body
+    smallest, std = float(body.principal_moments[0]), float(body.principal_moments_std[0])
+    known = float(np.max(body.principal_moments_std)) <= LARGEST_MOMENT_STD
+    if known and smallest < CLEAR_OF_ZERO * std:
+        yield Failure({"moment": smallest, "std": std})
+
+
+def innovations_too_large(evidence: Evidence) -> Iterator[Failure]:
+    """Innovations beyond what the noise explains."""
+    ratio = evidence.evaluation.nis_ratio
+    if ratio is not None and ratio > LARGEST_NIS:
+        yield Failure({"ratio": ratio, "times": float(np.sqrt(ratio))})
+
+
+NOISE_CHECKS: Final = frozenset({"stated-noise", "row-noise", "filter-noise", "filter-disturbance"})
+"""Checks that say which level of noise is wrong."""
+
+
+def innovations_too_small(evidence: Evidence) -> Iterator[Failure]:
+    """Innovations far within what the noise explains, beyond chance, where no check names the level that is wrong."""
+    history, ratio = evidence.evaluation.history, evidence.evaluation.nis_ratio
+    if ratio is None or not ratio < SMALLEST_NIS * evidence.expected_nis:
+        return
+    dof, expected = float(history.dof.sum()), evidence.expected_nis
+    chance = 1.0 - float(chi_square_tail(ratio * dof / expected, dof))
+    if chance < FALSE_ALARM and not any(base_name(each.check) in NOISE_CHECKS for each in evidence.found):
+        yield Failure({"ratio": ratio, "times": float(np.sqrt(1 / max(ratio, np.finfo(float).tiny)))})
+
+
+def measurements_left_out(evidence: Evidence) -> Iterator[Failure]:
+    """A large share of measurements that were refused, where the recording is not doubted for it already."""
+    numbers = rejected_share(evidence.evaluation.history)
+    if numbers is not None and not any(each.check == LEFT_OUT for each in evidence.found):
+        yield Failure(numbers)
+
+
+def rejected_share(history: EstimateHistory) -> dict[str, float | str] | None:
+    """Numbers of measurements of all sensors that an estimator refused at its own epochs; None up to `LARGEST_REJECTED`."""
+    rejected = int(history.rejected[history.own].sum())
+    total = rejected + int(history.accepted[history.own].sum())
+    if not total or rejected <= LARGEST_REJECTED * total:
+        return None
+    return {"rejected": rejected, "total": total, "percent": 100.0 * rejected / total}
+
+
+def epochs_refused(evidence: Evidence) -> Iterator[Failure]:
+    """Epochs without any inlier: more of them, or more in a row, than false alarms account for.
+
+    An epoch of m independent values is refused as a whole with probability p^m. The number of such epochs is compared with a
+    Poisson number of that expectation; r in a row at one of n places have at most the probability n q^r, with q the mean of p^m.
+    """
+    history, false_alarm = evidence.evaluation.history, evidence.gate_false_alarm
+    measured = history.accepted + history.rejected
+    empty = (history.accepted == 0) & (measured > 0)
+    count, epochs = int(np.count_nonzero(empty)), int(np.count_nonzero(measured))
+    if not count:
+        return
+    expected = float(np.sum(false_alarm ** measured[measured > 0]))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], empty, [False]])))
+    longest = int((edges[1::2] - edges[::2]).max())
+    smallest_batch = min(1.0, epochs * (expected / epochs) ** longest)
+    if min(float(pdtrc(count - 1, expected)), smallest_batch) < FALSE_ALARM:
+        of = len(history.time[history.own])
+        yield Failure({"count": count, "epochs": of, "longest": longest, "expected": expected})
+
+
+def gap(evidence: Evidence) -> Iterator[Failure]:
+    """A stretch in which nothing was measured."""
+    time = evidence.evaluation.history.time
+    gaps = np.diff(time)
+    if gaps.size and gaps.max() > LARGEST_GAP * np.median(gaps):
+        yield Failure({"seconds": float(gaps.max()), "begin": float(time[gaps.argmax()])})
+
+
+def estimators_disagree(evidence: Evidence) -> Iterator[Failure]:
+    """Moments that differ from those of every other estimator that has not failed."""
+    evaluation = evidence.evaluation
+    for other in evidence.peers:
+        away = np.abs(evaluation.body.principal_moments - other.body.principal_moments)[:2]
+        std = np.hypot(evaluation.body.principal_moments_std, other.body.principal_moments_std)[:2]
+        if np.any((away > DISAGREEMENT_STD * std) & (away > DISAGREEMENT)):
+            yield Failure({"other": other.name, "difference": float(away.max())})
+
 
 MOST_MOMENTUM: Final = 0.2
 """Relative change of the angular momentum of measured rates, from which no free body before a camera at rest is likely."""
@@ -319,62 +608,62 @@ CHECKS: Final[tuple[Check, ...]] = (
     # ---- the estimate itself
     Check(
         "moments-undetermined", frozenset({MOMENTS}), Needs.ESTIMATE,
-        f"Is each moment's deviation at most {of_estimate.LARGEST_MOMENT_STD} of the largest moment?", LIMIT,
+        f"Is each moment's deviation at most {LARGEST_MOMENT_STD} of the largest moment?", LIMIT,
         "the moments of inertia are not determined: their standard deviation is {std:.2g} of the largest moment (limit "
         "{limit:.2g})",
-        "record a motion that wobbles, or a longer one", of_estimate.moments_undetermined, Holds.NOT_DETERMINED,
+        "record a motion that wobbles, or a longer one", moments_undetermined, Holds.NOT_DETERMINED,
     ),
     Check(
         "moment-may-be-zero", frozenset({MOMENTS}), Needs.ESTIMATE,
-        f"Is the smallest moment {of_estimate.CLEAR_OF_ZERO:g} deviations above zero?", LIMIT,
+        f"Is the smallest moment {CLEAR_OF_ZERO:g} deviations above zero?", LIMIT,
         "the smallest moment of inertia, {moment:.2g} ± {std:.2g} of the largest, may be zero: the body is a needle, and its "
         "ratio k2 has no upper bound",
-        "record a motion with more rotation about the long axis, or a longer one", of_estimate.moment_may_be_zero,
+        "record a motion with more rotation about the long axis, or a longer one", moment_may_be_zero,
     ),
     Check(
-        "innovations-too-large", ALL, Needs.FILTER, f"Is the NIS per degree of freedom at most {of_estimate.LARGEST_NIS}?",
+        "innovations-too-large", ALL, Needs.FILTER, f"Is the NIS per degree of freedom at most {LARGEST_NIS}?",
         "below 1e-6 from 20 degrees of freedom on",
         "innovations are {times:.2g} times as large as the noise explains (NIS {ratio:.2g} per degree of freedom)",
         "raise process.force_psd, process.torque_psd or the sensor's standard deviation in a config file",
-        of_estimate.innovations_too_large,
+        innovations_too_large,
     ),
     Check(
         "innovations-too-small", NOTHING, Needs.FILTER,
-        f"Is the NIS per degree of freedom at least {of_estimate.SMALLEST_NIS:g}, or that share of what correlated or inflated "
+        f"Is the NIS per degree of freedom at least {SMALLEST_NIS:g}, or that share of what correlated or inflated "
         "noise leaves of it?",
-        f"{of_estimate.FALSE_ALARM:.0e}, below {of_estimate.SMALLEST_NIS:g} by chance",
+        f"{FALSE_ALARM:.0e}, below {SMALLEST_NIS:g} by chance",
         "the assumed noise is far larger than the measurements show: innovations are {times:.2g} times smaller than it explains "
         "(NIS {ratio:.2g} per degree of freedom), so deviations are too wide",
         "state a smaller noise of the sensor or of the disturbances in a config file, or leave it out to have it identified",
-        of_estimate.innovations_too_small,
+        innovations_too_small,
     ),
     Check(
         "measurements-left-out", ALL, Needs.ESTIMATE,
-        f"Are at most {of_estimate.LARGEST_REJECTED:.0%} of the measurements rejected?", "below 1e-6",
+        f"Are at most {LARGEST_REJECTED:.0%} of the measurements rejected?", "below 1e-6",
         "{rejected} of {total} measurements ({percent:.2g} %) could not be used or were rejected",
-        "look for gross errors, wrong associations or too small a stated noise", of_estimate.measurements_left_out,
+        "look for gross errors, wrong associations or too small a stated noise", measurements_left_out,
     ),
     Check(
         "epochs-refused", ALL, Needs.ESTIMATE,
         "Are no more whole epochs rejected, in all or in a row, than false alarms of the gate explain?",
-        f"{of_estimate.FALSE_ALARM:.0e} of recordings of any length",
+        f"{FALSE_ALARM:.0e} of recordings of any length",
         "{count} of {epochs} epochs gave no information, {longest} in a row ({expected:.2g} by chance): all their measurements "
         "were rejected, or only repeated the previous epoch",
-        "cut the recording there, or look for gross errors and repeated images", of_estimate.epochs_refused,
+        "cut the recording there, or look for gross errors and repeated images", epochs_refused,
     ),
     Check(
         "gap", NOTHING, Needs.RECORDING,
-        f"Is no interval longer than {of_estimate.LARGEST_GAP:g} median intervals?", CERTAIN,
+        f"Is no interval longer than {LARGEST_GAP:g} median intervals?", CERTAIN,
         "nothing was measured for {seconds:.3g} s after t = {begin:.3f} s: estimates in between are predictions",
-        "cut the recording there if the body may have been touched", of_estimate.gap,
+        "cut the recording there if the body may have been touched", gap,
     ),
     Check(
         "estimators-disagree", BODY, Needs.PEERS,
-        f"Do the moments of any two estimators agree within {of_estimate.DISAGREEMENT_STD:g} of both deviations, or "
-        f"{of_estimate.DISAGREEMENT}?",
+        f"Do the moments of any two estimators agree within {DISAGREEMENT_STD:g} of both deviations, or "
+        f"{DISAGREEMENT}?",
         "6e-5 of independent estimators, less of those of the same measurements",
         "its moments differ from those of {other} by up to {difference:.2g} of the largest",
-        "use the one that is ok, the smoother rather than a filter", of_estimate.estimators_disagree,
+        "use the one that is ok, the smoother rather than a filter", estimators_disagree,
     ),
 )  # fmt: skip
 """Every check, by the order of its sentences in a verdict."""

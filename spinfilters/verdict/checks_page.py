@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 from spinfilters.io.output_files import write_or_print
 from spinfilters.models.status import ALL, LABELS, QUANTITIES, Holds
-from spinfilters.verdict.check import Check
-from spinfilters.verdict.checks import CHECKS
+from spinfilters.verdict.checks import CHECKS, Check
 from spinfilters.verdict.model_errors.alternatives import table
 from spinfilters.verdict.model_tests import KINDS
 

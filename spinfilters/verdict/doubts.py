@@ -21,8 +21,14 @@ from spinfilters.models.state_blocks import CENTRE_OF_MASS
 from spinfilters.models.status import Finding, Verdict
 from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.verdict.calibration_errors import enlargements, possible_clock_drift
-from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
-from spinfilters.verdict.checks import MOST_MOMENTUM, finding
+from spinfilters.verdict.checks import (
+    LARGEST_MOMENT_STD,
+    LEFT_OUT,
+    MOST_MOMENTUM,
+    Evidence,
+    finding,
+    rejected_share,
+)
 from spinfilters.verdict.filter_diagnostics import (
     agreement_diagnostics,
     expected_nis,

@@ -341,10 +341,7 @@ def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[Finding]:
 def _is_identified(setup: Setup) -> bool:
     """Whether the noise of a sensor of this data set is not stated."""
     options = {
-        option.name
-        for stream in setup.dataset.log.streams
-        for option in sensor_format(stream.sensor).noise
-        if option.components is not None
+        option for stream in setup.dataset.log.streams for option in sensor_format(stream.sensor).levels
     }
     return setup.gyro_noise is not None or bool(options & setup.unstated)
 

@@ -28,8 +28,7 @@ from spinfilters.models.status import (
     Holds,
     Verdict,
 )
-from spinfilters.verdict.check import LARGEST_MOMENT_STD, Evidence, base_name
-from spinfilters.verdict.checks import BY_NAME, CHECKS, check_of
+from spinfilters.verdict.checks import BY_NAME, CHECKS, LARGEST_MOMENT_STD, Evidence, base_name, check_of
 from spinfilters.verdict.model_errors.score_tests import ScoreTest
 
 LARGEST_ANGLE_STD: Final = 0.5

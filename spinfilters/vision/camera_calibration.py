@@ -92,8 +92,7 @@ def calibrated_camera(
     InputError
         No camera explains the views.
     """
-    points = [board.points[view.seen].astype(np.float32) for view in views]
-    pixels = [(view.right if right else view.left)[view.seen].astype(np.float32) for view in views]
+    points, pixels = _seen_corners(views, board, right)
     try:
         rms, K, distortion, turns, places, _, _, errors = cv2.calibrateCameraExtended(
             points, pixels, size, np.eye(3), np.zeros(5), criteria=ITERATIONS
@@ -112,6 +111,15 @@ def calibrated_camera(
         np.asarray(errors).ravel(),
         poses,
     )
+
+
+def _seen_corners(
+    views: Sequence[BoardView], board: Board, right: bool
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Corners of every view as OpenCV takes them: on the board, and in the image of one camera."""
+    points = [board.points[view.seen].astype(np.float32) for view in views]
+    pixels = [(view.right if right else view.left)[view.seen].astype(np.float32) for view in views]
+    return points, pixels
 
 
 N: Final = len(PARAMETERS)
@@ -258,10 +266,15 @@ def _project_out(A: Float[np.ndarray, "m a"], B: Float[np.ndarray, "m b"]) -> Fl
 
 def _covariance_of_information(information: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
     """Covariance of an information matrix, very large, not zero, in directions that it does not determine."""
-    diagonal = np.diag(information)
-    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    scale = _scale_of(information)
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
     return scale[:, None] * ((vectors / np.maximum(values, _FLAT)) @ vectors.T) * scale
+
+
+def _scale_of(information: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " k"]:
+    """Sizes of the parameters in which the information has a unit diagonal."""
+    diagonal = np.diag(information)
+    return 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
 
 
 def _error_levels(side: _LinearisedViews) -> tuple[float, float]:
@@ -283,8 +296,7 @@ def _error_levels(side: _LinearisedViews) -> tuple[float, float]:
 
 def _heterogeneity(side: _LinearisedViews, variance: float) -> float:
     """Birge ratio of the views: chi^2 of their separate intrinsics about the joint ones, per degree of freedom, at least 1."""
-    diagonal = np.diag(side.information)
-    scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    scale = _scale_of(side.information)
     chi2, freedom = 0.0, -N
     for A, r in zip(side.reduced, side.residuals, strict=True):
         U, values, _ = np.linalg.svd(A * scale, full_matrices=False)
@@ -455,8 +467,7 @@ def _cost_at(
     factor: float,
 ) -> float:
     """Least sum of squares, px^2, with the focal lengths times a factor."""
-    points = [board.points[view.seen].astype(np.float32) for view in views]
-    pixels = [(view.right if right else view.left)[view.seen].astype(np.float32) for view in views]
+    points, pixels = _seen_corners(views, board, right)
     K = camera.K.copy()
     K[[0, 1], [0, 1]] *= factor
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_FOCAL_LENGTH

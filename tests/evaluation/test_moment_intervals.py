@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
+from spinfilters.models import body_spread as spread
 from spinfilters.models.body import BodyEstimate, body_estimate
 from spinfilters.models.body_spread import REACH, widest_departures
 from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
@@ -170,3 +171,18 @@ def test_a_needle_of_which_nothing_is_known_may_be_a_sphere_or_a_disc(std: float
 
 def test_a_needle_that_is_known_to_be_one_stays_one() -> None:
     assert np.all(needle_moments_std(0.5)[:2] < 1e-6)
+
+
+@pytest.mark.parametrize("largest", [0.01, 0.1])
+def test_compiled_and_numpy_find_the_same_spread(monkeypatch: pytest.MonkeyPatch, largest: float) -> None:
+    generator, moments = np.random.default_rng(2), np.diag([0.6, 0.8, 1.0])
+    turns = np.linalg.qr(generator.standard_normal((20, 3, 3)))[0]
+    s = np.array([from_inertia(turn @ moments @ turn.T) for turn in turns])
+    axes = np.array([np.linalg.eigh(inertia_matrix(each))[1] for each in s])
+    axes[..., 0] *= np.linalg.det(axes)[:, np.newaxis]  # right-handed
+    factor = np.array([thin(seed, largest) for seed in range(len(s))])
+    found = (*spread.body_spread(s, factor, axes), *widest_departures(s, factor, axes))
+    monkeypatch.setattr(spread, "_library", lambda: None)
+    expected = (*spread.body_spread(s, factor, axes), *widest_departures(s, factor, axes))
+    for compiled, plain in zip(found, expected, strict=True):
+        np.testing.assert_allclose(compiled, plain, rtol=1e-9, atol=1e-9 * plain.max())

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from spinfilters.models.status import ALL, OWN_STATUS, Finding
-from spinfilters.verdict.check import Check
-from spinfilters.verdict.checks import BY_NAME, CHECKS, check_of, finding
+from spinfilters.verdict.checks import BY_NAME, CHECKS, Check, check_of, finding
 from spinfilters.verdict.checks_page import main, page
 
 ROOT = Path(__file__).parents[2]

@@ -15,7 +15,7 @@ from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.verdict.check import Evidence
+from spinfilters.verdict.checks import Evidence
 from spinfilters.verdict.doubts import measurement_findings
 from spinfilters.verdict.judge import judge
 

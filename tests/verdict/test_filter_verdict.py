@@ -15,8 +15,7 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.verdict import doubts
 from spinfilters.verdict import filter_diagnostics as agreement_tests
-from spinfilters.verdict.check import Evidence
-from spinfilters.verdict.checks import finding
+from spinfilters.verdict.checks import Evidence, finding
 
 FULL = Settings(estimators=("mekf",))
 FILTER = replace(FULL, verdict="filter")

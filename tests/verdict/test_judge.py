@@ -23,8 +23,7 @@ from spinfilters.models.status import (
 from spinfilters.run.estimation import Comparison
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM
-from spinfilters.verdict.check import Evidence, Needs
-from spinfilters.verdict.checks import CHECKS, finding
+from spinfilters.verdict.checks import CHECKS, Evidence, Needs, finding
 from spinfilters.verdict.filter_diagnostics import over_confident_quantities
 from spinfilters.verdict.judge import judge, moved_quantities, unmoved_quantities
 from spinfilters.verdict.model_errors.alternatives import table

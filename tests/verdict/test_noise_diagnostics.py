@@ -24,7 +24,7 @@ from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, withou
 from spinfilters.verdict import filter_diagnostics as noise_diagnostics
 from spinfilters.verdict import filter_diagnostics as stated_levels
 from spinfilters.verdict import model_tests as model_errors
-from spinfilters.verdict.check import base_name
+from spinfilters.verdict.checks import base_name
 from spinfilters.verdict.filter_diagnostics import (
     LARGEST_RATIO,
     LARGEST_SCORE,

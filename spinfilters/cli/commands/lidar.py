@@ -12,7 +12,7 @@ from spinfilters.simulation.scan_arguments import ScanArguments
 
 if TYPE_CHECKING:
     from spinfilters.lidar.scan import Scan
-    from spinfilters.simulation.scanned_scene import ScannedScene
+    from spinfilters.simulation.lidar_sequence import ScannedScene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ def scan(options: ScanCommandArguments) -> int:
     """Simulate one scan, or a sequence as a data set."""
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import refuse_foreign
-    from spinfilters.simulation.scanned_scene import ScannedScene
+    from spinfilters.simulation.lidar_sequence import ScannedScene
 
     folder, name = Path(options.output), f"{COMMAND.name} {SCAN.name}"
     refuse_foreign(folder, name)

@@ -21,6 +21,7 @@ from spinfilters.core.attitude_conversions import (
 from spinfilters.core.attitude_expressions import Expression, normalised, quaternion_rate, rotate
 from spinfilters.core.errors import InputError
 from spinfilters.core.gauss_newton import LeastSquaresEnd, StepEquations, gauss_newton, step_equations
+from spinfilters.core.linear_algebra import evenly_spaced
 from spinfilters.core.mass_distribution import inertia
 from spinfilters.io.camera import Rig
 from spinfilters.io.measurement_log import MeasurementStream
@@ -365,7 +366,7 @@ class PlanePoints:
 
     def thinned(self, most: int) -> "PlanePoints":
         """At most so many of the points, evenly spaced."""
-        rows = np.linspace(0, len(self.points) - 1, min(most, len(self.points))).astype(int)
+        rows = evenly_spaced(len(self.points), most)
         return PlanePoints(self.points[rows], self.normals[rows], self.offsets[rows])
 
 

@@ -13,6 +13,7 @@ from numpy.polynomial.legendre import legvander
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.camera_trajectory import Displacement, levered
+from spinfilters.core.linear_algebra import at_times
 from spinfilters.io.consider_parameter import ConsiderParameter
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.state_blocks import ATTITUDE, POSITION, VELOCITY
@@ -428,7 +429,7 @@ def of_lever(motion: SmoothedMotion) -> Columns | None:
     seen = motion.time[camera.seen]
     lever = levered_since_first(seen, camera.poses[camera.seen])[:, :3].reshape(len(seen), 9)
     # between epochs in which it sees nothing it is somewhere: any path of the states leaves the error what it is
-    place = np.stack([np.interp(motion.time, seen, each) for each in lever.T], axis=1)
+    place = at_times(motion.time, seen, lever)
     states = np.zeros((len(motion.time), layout.error_dim, 3))
     states[:, layout.slice(POSITION.name)] = -place.reshape(-1, 3, 3)
     states[:, layout.slice(VELOCITY.name)] = -np.gradient(place, motion.time, axis=0).reshape(-1, 3, 3)

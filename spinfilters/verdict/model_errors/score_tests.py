@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.chi_square import chi_square_tail
+from spinfilters.core.linear_algebra import evenly_spaced
 from spinfilters.verdict.model_errors.alternatives import Alternative
 from spinfilters.verdict.model_errors.linear_rows import Columns, summed
 from spinfilters.verdict.model_errors.noise_components import (
@@ -361,7 +362,7 @@ def _by_epoch(
     """An error drawn anew at every epoch, of the variance that is most likely."""
     error, columns = named
     K = len(motion.time)
-    chosen = np.unique(np.linspace(0, K - 1, min(K, MOST_EPOCHS)).astype(int))
+    chosen = evenly_spaced(K, MOST_EPOCHS)
     F = information_by_epoch(motion.rows, columns, chosen)
     u = _score_by_epoch(motion, columns, left.columns)[chosen].reshape(-1)
     if not np.isfinite(F).all() or np.trace(F) <= LEAST_LEFT * float(np.trace(columns.gram(columns))):
