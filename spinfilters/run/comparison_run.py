@@ -186,10 +186,13 @@ def _estimate_and_write(
         optional_outputs.check(setup, settings)
     extent = ComparisonExtent(on_estimate=early.take)
     comparison = compare_estimators(setup, settings, report, _checkpoints(output, setup, settings), extent)
+    has_figures = output.with_figures and not comparison.interrupted  # by Ctrl-C: no figures of a part
+    figure_data = figure_data_of(comparison) if has_figures else None
+    if figure_data is not None and early.processes:
+        early.take_all(figure_data)
     written = WrittenRun(comparison, write_run(folder, comparison, settings))
-    if comparison.interrupted:  # by Ctrl-C: no figures of a part
+    if comparison.interrupted:
         return written
-    figure_data = figure_data_of(comparison) if output.with_figures else None
     if figure_data is not None and early.processes:
         draw_together(figure_data, folder, _figure_progress(report), early)
     elif figure_data is not None:

@@ -1,21 +1,22 @@
 """Pictures of a run by further processes, which draw what is known while the estimators run.
 
-A process is sent data and the names of pictures, one at a time. What shows estimates alone is drawn as soon as these are made, and
-kept there until the run is written. All other pictures are drawn from the run folder. Whatever ends a process early, the one that
-asked draws what is missing, and meets and reports the cause itself.
+A process is sent data and the names of pictures, one at a time, and answers with the content of a file. What shows estimates alone
+is drawn as soon as these are made, and the rest when the verdicts are. The process that asked writes the files. Whatever ends a
+further process early, the one that asked draws what is missing, and meets and reports the cause itself.
 """
 
-import json
 import os
 import subprocess
 import sys
-import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -25,24 +26,24 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.inference.setup import Setup
 from spinfilters.io.output_files import write_bytes
 from spinfilters.io.stated_values import NumberRange
+from spinfilters.models.state_layout import StateLayout
 from spinfilters.plots.figures import FigureData, draw_run, drawn_pictures, early_pictures, figure_names
-from spinfilters.run.run_folder import read_estimates, read_figure_data, write_estimates
+from spinfilters.run.run_folder import read_figure_data
 
 MOST_PROCESSES: Final = 3
 """In addition to the one that asks; a run has about ten pictures."""
 PROCESSES: Final = "SPINFILTERS_PICTURE_PROCESSES"
 """Environment variable that states another number, 0 for none."""
 STATED_PROCESSES: Final = NumberRange(0, 99, whole=True)
-LAST_PICTURE: Final = 5.0
-"""Seconds that a process which is ended has for the picture at which it is, so that no half file stays."""
 LONGEST_PICTURE: Final = 60.0
 """Seconds that a picture of another process may still take where no further one is left to draw."""
 LARGEST_SENT: Final = 32_000_000
-"""Bytes of covariances that are sent to another process; pictures of more are drawn from the run folder."""
+"""Bytes of covariances that are sent to another process; it reads more from the run folder."""
 DRAWN_WHILE_LOADING: Final = 2
 """Pictures that a process draws while another one loads what draws."""
 _ENVIRONMENT: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "agg"}
-_READY: Final = b"ready\n"
+Source = FigureData | Path
+"""What a picture shows: data, or a run folder that holds them."""
 
 
 class PictureProcess:
@@ -53,67 +54,61 @@ class PictureProcess:
 
     def __init__(self) -> None:
         paths = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**_ENVIRONMENT, **os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-            start_new_session=True,  # Ctrl-C is for the process that asked
-        )
-        self._is_writing = False
+        self._connection, its_end = Pipe()
+        with its_end:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", __name__],
+                stdin=its_end.fileno(),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env={**_ENVIRONMENT, **os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+                start_new_session=True,  # Ctrl-C is for the process that asked
+            )
+        self._source: Source | None = None
+        self._sent: list[object] = []
 
-    def open(self, folder: Path) -> bool:
-        """Whether it has read a run folder; waits until what draws is loaded."""
-        return self._answers("open", _text(folder))
-
-    def draw(self, name: str) -> bool:
-        """Whether it has drawn a picture of that folder."""
-        return self._writes("draw", name)
-
-    def keep(self, folder: Path, estimators: Sequence[str], name: str) -> bool:
-        """Whether it has drawn a picture of these estimators of a folder of `write_estimates`, which it keeps."""
-        return self._answers("keep", _text(folder), *estimators, name)
-
-    def write(self, name: str, folder: Path) -> bool:
-        """Whether it has written a picture that it kept."""
-        return self._writes("write", name, _text(folder))
+    def drawn(self, name: str, source: Source) -> bytes | None:
+        """Content of a picture's file; None where the process has ended, or cannot be sent what it shows."""
+        if source is not self._source:
+            done = self._open(source) if isinstance(source, Path) else self._show(source)
+            if done is None:
+                return None
+            self._source = source
+        return self._answer("draw", name)
 
     def close(self) -> None:
-        """End it, at once or after the picture that it writes."""
-        process = self._process
-        assert process.stdin is not None
-        assert process.stdout is not None
-        with suppress(OSError):
-            process.stdin.close()
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(LAST_PICTURE if self._is_writing else 0.0)
-        process.kill()
-        process.wait()
-        process.stdout.close()
+        """End it at once; what waits for its answer gets none."""
+        self._process.kill()
+        self._process.wait()
 
-    def _writes(self, *request: str) -> bool:
-        """Whether it has answered a request that writes a file."""
-        self._is_writing = True
-        done = self._answers(*request)
-        self._is_writing = False
-        return done
+    def _open(self, folder: Path) -> bytes | None:
+        """Let it read a run folder; its working directory may be another."""
+        return self._answer("open", os.fspath(folder.absolute()))
 
-    def _answers(self, *request: str) -> bool:
-        stdin, stdout = self._process.stdin, self._process.stdout
-        assert stdin is not None
-        assert stdout is not None
+    def _show(self, figure_data: FigureData) -> bytes | None:
+        """Send it data; a part that was sent before is not sent again."""
+        parts = (figure_data.dataset, *figure_data.evaluations)
+        new = [part for part in parts if not any(part is each for each in self._sent)]
+        self._sent += new
+        places = [next(k for k, each in enumerate(self._sent) if each is part) for part in parts]
+        sent = [_without_models(part) if isinstance(part, Evaluation) else part for part in new]
+        return self._answer("show", sent, places, figure_data.map_points, figure_data.conditions)
+
+    def _answer(self, *request: object) -> bytes | None:
+        """What it answers to a request; None for no answer."""
         try:
-            stdin.write(json.dumps(request).encode() + b"\n")
-            stdin.flush()
-            return stdout.readline(len(_READY)) == _READY
-        except (OSError, ValueError):  # it has ended, or was ended
-            return False
+            self._connection.send(request)
+            return self._connection.recv()
+        except (
+            Exception
+        ):  # it has ended, or a plug-in's data cannot be sent: this process meets the cause when it draws
+            return None
 
 
-def _text(folder: Path) -> str:
-    """A folder for a process whose working directory may be another."""
-    return os.fspath(folder.absolute())
+def _without_models(evaluation: Evaluation) -> Evaluation:
+    """An evaluation without the compiled functions that its layout keeps: no picture needs them, and they take longest to send."""
+    bare = StateLayout(evaluation.history.layout.blocks)
+    return evaluation.with_fields(history=replace(evaluation.history, layout=bare))
 
 
 @contextmanager
@@ -148,20 +143,21 @@ def _further_processes() -> int:
     return min(cores - 1, int(most))
 
 
-class _Kept(NamedTuple):
-    """A picture that a process draws or has drawn, and of which data."""
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    """A picture that was asked for, and what it shows."""
 
-    figure_data: FigureData
-    process: PictureProcess
+    name: str
+    source: Source
 
 
 class EarlyPictures:
-    """Pictures of estimates, drawn by further processes while the run goes on.
+    """Pictures of a run, drawn by further processes while the run goes on.
 
     Parameters
     ----------
     processes : sequence of PictureProcess
-        Each draws one picture after the other, until the block ends or `end` is called.
+        Each draws one picture after the other, until the block ends.
     estimators : sequence of str
         Of the run.
     """
@@ -169,27 +165,25 @@ class EarlyPictures:
     def __init__(self, processes: Sequence[PictureProcess], estimators: Sequence[str]) -> None:
         self.processes = processes
         self._estimators = estimators
-        self._offered: set[str] = set()
-        self._waiting: deque[tuple[FigureData, str]] = deque()
-        self._kept: dict[str, _Kept] = {}
-        self._one_writes = threading.Lock()
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
-        self._changed, self._has_ended = threading.Condition(), False
-        self._threads = {
-            process: threading.Thread(target=self._serve, args=(process,), daemon=True)
-            for process in processes
+        self._shown = {
+            name: shown for shown, names in early_pictures(estimators, estimators) for name in names
         }
-        for thread in self._threads.values():
-            thread.start()
+        self._changed, self._has_ended = threading.Condition(), False
+        # What follows is read and changed while `_changed` is held.
+        self._waiting: deque[_Picture] = deque()
+        self._begun: dict[PictureProcess, _Picture] = {}
+        self._drawn: dict[_Picture, bytes] = {}
+        self._serving = len(processes)
+        for process in processes:
+            threading.Thread(target=self._serve, args=(process,), daemon=True).start()
 
     def __enter__(self) -> "EarlyPictures":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stop()
-        with self._one_writes, suppress(OSError):
-            if self._folder is not None:
-                self._folder.cleanup()
+        with self._changed:
+            self._has_ended = True
+            self._changed.notify_all()
 
     def take(
         self,
@@ -198,61 +192,106 @@ class EarlyPictures:
         maps: Mapping[str, Float[np.ndarray, "k 3"]],
     ) -> None:
         """Have drawn what shows the estimates made so far (`spinfilters.run.estimation.OnEstimate`)."""
-        if not self._threads or sum(each.history.factor.nbytes for each in evaluations) > LARGEST_SENT:
+        made = [each.name for each in evaluations]
+        figure_data = FigureData(setup.dataset, tuple(evaluations), maps.get(made[0]))
+        if not self.processes or not _can_be_sent(figure_data):
             return
-        made = {each.name: each for each in evaluations}
-        for shown, names in early_pictures(self._estimators, list(made)):
-            new = [name for name in names if name not in self._offered]
-            if not new:
-                continue
-            self._offered.update(new)
-            figure_data = FigureData(setup.dataset, [made[name] for name in shown], maps.get(shown[0]))
-            with self._changed:
-                self._waiting.extend((figure_data, name) for name in new)
-                self._changed.notify_all()
-
-    def end(self, figure_data: FigureData) -> dict[PictureProcess, list[str]]:
-        """Begin no further one; names by process of those that it keeps, or is about to keep, and that show these estimates."""
-        self._stop()
-        final = {each.name: each for each in figure_data.evaluations}
-        found: dict[PictureProcess, list[str]] = {process: [] for process in self.processes}
-        for name, (early, process) in self._kept.items():
-            if all(each.has_estimates_of(final[each.name]) for each in early.evaluations):
-                found[process].append(name)
-        return found
-
-    def wait_for(self, process: PictureProcess) -> None:
-        """Wait until a process has ended the picture at which it is."""
-        self._threads[process].join()
-
-    def _stop(self) -> None:
+        ready = {name for _, names in early_pictures(self._estimators, made) for name in names}
+        possible = [name for name in _files_of(figure_data) if name in ready]
         with self._changed:
-            self._has_ended = True
-            self._waiting.clear()
-            self._changed.notify_all()
+            offered = {each.name for each in self._every()}
+            self._add([name for name in possible if name not in offered], figure_data)
+
+    def take_all(self, figure_data: FigureData, folder: Path | None = None) -> None:
+        """Have drawn all pictures of a run whose verdicts are made, but those that show its estimates already.
+
+        Parameters
+        ----------
+        folder : Path or None
+            Where the run is written, for data that are too large to be sent; None as long as it is not.
+        """
+        source = figure_data if _can_be_sent(figure_data) else folder
+        with self._changed:
+            valid = {
+                each for each in self._every() if each.source is source or self._is_of(each, figure_data)
+            }
+            self._waiting = deque(each for each in self._waiting if each in valid)
+            self._begun = {process: each for process, each in self._begun.items() if each in valid}
+            self._drawn = {each: content for each, content in self._drawn.items() if each in valid}
+            names = {each.name for each in valid}
+            if source is not None:
+                self._add([name for name in _files_of(figure_data) if name not in names], source)
+
+    def next_drawn(self) -> "tuple[str, bytes | None] | None":
+        """The next picture of all that were taken, when it is drawn.
+
+        Returns
+        -------
+        tuple of str and (bytes or None), or None
+            Name and content; no content where this process is to draw it, because several others wait. None where no picture is
+            left, or where the process that draws the last ones gives no answer.
+        """
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._drawn or self._is_for_this or not self._begun, LONGEST_PICTURE
+            )
+            if self._drawn:
+                picture, content = self._drawn.popitem()
+                return picture.name, content
+            return (self._waiting.pop().name, None) if self._waiting else None
+
+    @property
+    def _is_for_this(self) -> bool:
+        """Whether so many pictures wait that this process draws one, too.
+
+        The others draw some while it loads what draws, if it has yet to.
+        """
+        is_loaded = "matplotlib.figure" in sys.modules
+        return len(self._waiting) > (0 if is_loaded else DRAWN_WHILE_LOADING * self._serving)
+
+    def _every(self) -> Iterator[_Picture]:
+        yield from self._waiting
+        yield from self._begun.values()
+        yield from self._drawn
+
+    def _add(self, names: Sequence[str], source: Source) -> None:
+        self._waiting.extend(_Picture(name, source) for name in names)
+        self._changed.notify_all()
+
+    def _is_of(self, picture: _Picture, final: FigureData) -> bool:
+        """Whether a picture of early data shows estimates alone, and those of the run."""
+        if isinstance(picture.source, Path) or picture.name not in self._shown:
+            return False
+        early, late = ({each.name: each for each in data.evaluations} for data in (picture.source, final))
+        return all(early[name].has_estimates_of(late[name]) for name in self._shown[picture.name])
 
     def _serve(self, process: PictureProcess) -> None:
         """Hand pictures to a process as they come, while it draws them."""
-        while True:
+        content: bytes | None = b""
+        while content is not None:
             with self._changed:
                 self._changed.wait_for(lambda: self._has_ended or self._waiting)
                 if self._has_ended:
                     return
-                figure_data, name = self._waiting.popleft()
-                self._kept[name] = _Kept(figure_data, process)
-            if not self._is_kept(process, figure_data, name):
-                return
+                picture = self._begun[process] = self._waiting.popleft()
+            content = process.drawn(picture.name, picture.source)
+            with self._changed:
+                wanted = self._begun.pop(process, None) is picture
+                if content is None:
+                    self._serving -= 1
+                    self._waiting.extendleft([picture] if wanted else [])
+                elif wanted:
+                    self._drawn[picture] = content
+                self._changed.notify_all()
 
-    def _is_kept(self, process: PictureProcess, figure_data: FigureData, name: str) -> bool:
-        """Whether a process has drawn a picture of these data, which go through files."""
-        try:
-            with self._one_writes:
-                self._folder = self._folder or tempfile.TemporaryDirectory(prefix="spinfilters-")
-                folder = Path(self._folder.name)
-                write_estimates(folder, figure_data)
-        except (InputError, OSError):  # no room: all is drawn when the run is written
-            return False
-        return process.keep(folder, [each.name for each in figure_data.evaluations], name)
+
+def _can_be_sent(figure_data: FigureData) -> bool:
+    return sum(each.history.factor.nbytes for each in figure_data.evaluations) <= LARGEST_SENT
+
+
+def _files_of(figure_data: FigureData) -> list[str]:
+    """Files of all pictures of a run."""
+    return [f"{name}.png" for name in figure_names(figure_data)]
 
 
 def draw_together(
@@ -265,124 +304,76 @@ def draw_together(
 
     Others are drawn here and by the processes of `early`. Errors: `draw_run`.
     """
-    names = [f"{name}.png" for name in figure_names(figure_data)]
-    kept = {
-        process: [name for name in every if name in names]
-        for process, every in early.end(figure_data).items()
-    }
-    left = deque(name for name in names if not any(name in every for every in kept.values()))
-    drawn, processes = list[str](), early.processes
+    names, written = _files_of(figure_data), list[str]()
 
-    def report() -> None:
-        progress(len(drawn), len(names))
+    def write(name: str, content: bytes | None = None) -> None:
+        """Write a picture, drawn here where it has no content yet."""
+        progress(len(written), len(names))
+        if content is None:
+            draw_run(figure_data, folder, lambda *_: None, [name])
+        else:
+            write_bytes(folder / name, content)
+        written.append(name)
 
-    def draw_elsewhere(process: PictureProcess) -> None:
-        """Let a process write what it keeps, then hand it pictures, from the last on, while it draws them."""
-        early.wait_for(process)
-        for name in kept[process]:
-            (drawn if process.write(name, folder) else left).append(name)
-        if not left or not process.open(folder):
-            return
-        while left:
-            try:
-                name = left.pop()
-            except IndexError:
-                return
-            if not process.draw(name):
-                left.append(name)
-                return
-            drawn.append(name)
-
-    threads = [threading.Thread(target=draw_elsewhere, args=(process,), daemon=True) for process in processes]
-    for thread in threads:
-        thread.start()
-    try:
-        _draw_here(figure_data, folder, left, drawn, report, _worth_drawing(processes))
-        for process, thread in zip(processes, threads, strict=True):
-            thread.join(LONGEST_PICTURE)
-            process.close()  # a thread that still waits for an answer gets none, and gives its picture back
-            thread.join()
-        _draw_here(figure_data, folder, left, drawn, report)
-    finally:
-        left.clear()
+    early.take_all(figure_data, folder)
+    while (picture := early.next_drawn()) is not None:
+        write(*picture)
+    for name in names:
+        if name not in written:
+            write(name)
     progress(len(names), len(names))
     return names
-
-
-def _worth_drawing(processes: Sequence[PictureProcess]) -> int:
-    """Pictures that must be left for this process to draw one: the others do them while it loads what draws, if it has yet to."""
-    return 1 if "matplotlib.figure" in sys.modules else 1 + DRAWN_WHILE_LOADING * len(processes)
-
-
-def _draw_here(
-    figure_data: FigureData,
-    folder: Path,
-    left: deque[str],
-    drawn: list[str],
-    report: Callable[[], None],
-    fewest: int = 1,
-) -> None:
-    """Draw what is left, from the first on, while there are at least so many."""
-    while len(left) >= fewest:
-        try:
-            name = left.popleft()
-        except IndexError:  # another took the last
-            return
-        report()
-        draw_run(figure_data, folder, lambda *_: None, [name])
-        drawn.append(name)
 
 
 class _Painter:
     """What a picture process does, request by request (`PictureProcess`)."""
 
     def __init__(self) -> None:
-        self._run: FigureData | None = None
-        self._folder = Path()
-        self._estimates: FigureData | None = None
-        self._kept: dict[str, bytes] = {}
+        self._parts: list[Any] = []
+        self._shown: FigureData | None = None
 
-    def open(self, folder: str) -> None:
+    def show(
+        self,
+        new: Sequence[Any],
+        places: Sequence[int],
+        map_points: Float[np.ndarray, "k 3"] | None,
+        conditions: Sequence[str],
+    ) -> bytes:
+        """Take data: new parts, and the places of all that are shown among the parts sent so far."""
+        self._parts += new
+        dataset, *evaluations = (self._parts[place] for place in places)
+        self._shown = FigureData(dataset, evaluations, map_points, conditions)
+        return b""
+
+    def open(self, folder: str) -> bytes:
         """Read a run folder."""
-        self._folder, self._run = Path(folder), read_figure_data(Path(folder))
+        self._shown = read_figure_data(Path(folder))
+        return b""
 
-    def draw(self, name: str) -> None:
-        """Draw a picture of the run into its folder."""
-        assert self._run is not None
-        draw_run(self._run, self._folder, lambda *_: None, [name])
-
-    def keep(self, folder: str, *names: str) -> None:
-        """Draw a picture of some estimators, whose names stand before its own, and keep it."""
-        *estimators, name = names
-        self._estimates = read_estimates(Path(folder), estimators, self._estimates)
-        self._kept.update(drawn_pictures(self._estimates, lambda *_: None, [name]))
-
-    def write(self, name: str, folder: str) -> None:
-        """Write a picture that was kept into a folder."""
-        write_bytes(Path(folder) / name, self._kept.pop(name))
+    def draw(self, name: str) -> bytes:
+        """Content of a picture's file."""
+        assert self._shown is not None
+        ((_, content),) = drawn_pictures(self._shown, lambda *_: None, [name])
+        return content
 
 
 def main() -> None:
-    """Load what draws, then do what the input asks for: lines of JSON, each a request and what it is about."""
+    """Load what draws, then do what the socket at its input asks for: requests, each with what it is about."""
     from spinfilters.plots.style import note_figure, picture_bytes
 
-    lines = iter(sys.stdin.buffer)
-    with suppress(KeyboardInterrupt, BrokenPipeError):
+    with Connection(sys.stdin.fileno()) as connection, suppress(KeyboardInterrupt, BrokenPipeError, EOFError):
         from spinfilters.plots import scene, summary, time_courses  # noqa: F401 - loaded while the first estimator runs
 
         picture_bytes(note_figure("fonts are found and loaded"), "png", dpi=50)
         painter = _Painter()
-        requests: dict[str, Callable[..., None]] = {
+        answer: dict[str, Callable[..., bytes]] = {
+            "show": painter.show,
             "open": painter.open,
             "draw": painter.draw,
-            "keep": painter.keep,
-            "write": painter.write,
         }
-        for line in lines:
-            request, *about = json.loads(line)
-            requests[request](*about)
-            sys.stdout.buffer.write(_READY)
-            sys.stdout.buffer.flush()
+        while True:
+            request, *about = connection.recv()
+            connection.send(answer[request](*about))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import os
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -184,20 +184,6 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> dict[
     return document
 
 
-def write_estimates(folder: Path, figure_data: FigureData) -> None:
-    """Write what `read_estimates` reads, as far as the folder lacks it: data set, histories, and map of the first estimator."""
-    if not (folder / DATASET_FOLDER).exists():
-        write_dataset(figure_data.dataset, folder / DATASET_FOLDER)
-    for evaluation in figure_data.evaluations:
-        part = folder / evaluation.name
-        if (part / HISTORY_FILE).exists():
-            continue
-        make_folder(part)
-        write_history(part / HISTORY_FILE, evaluation.history)
-        if figure_data.map_points is not None and evaluation is figure_data.evaluations[0]:
-            write_map_ply(part / MAP_FILE, figure_data.map_points)
-
-
 def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
     """Histories of estimators in a run folder.
 
@@ -272,32 +258,12 @@ def read_figure_data(folder: Path) -> FigureData:
         _ = names[0]
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise not_whole(folder, error) from None
-    return replace(read_estimates(folder, names), conditions=told_sentences(document))
-
-
-def read_estimates(folder: Path, names: Sequence[str], earlier: FigureData | None = None) -> FigureData:
-    """Data of figures of some estimators of a run folder, or of a folder of `write_estimates`.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the estimators.
-    earlier : FigureData or None
-        What was read from this folder before, and is not read again.
-
-    Raises
-    ------
-    InputError
-        A damaged folder.
-    """
-    dataset = read_dataset(folder / DATASET_FOLDER) if earlier is None else earlier.dataset
-    made = {} if earlier is None else {each.name: each for each in earlier.evaluations}
+    dataset = read_dataset(folder / DATASET_FOLDER)
     alignment = Alignment.NONE if knows_frames(dataset) else Alignment.FIRST_FRAME
-    for history in read_histories(folder, [name for name in names if name not in made]):
-        made[history.name] = evaluate(history, dataset.truth, alignment)
+    evaluations = [evaluate(each, dataset.truth, alignment) for each in read_histories(folder, names)]
     map_path = folder / names[0] / MAP_FILE
     points = read_map_ply(map_path) if map_path.exists() else None
-    return FigureData(dataset, [made[name] for name in names], points)
+    return FigureData(dataset, evaluations, points, told_sentences(document))
 
 
 def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:

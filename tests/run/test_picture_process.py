@@ -1,12 +1,12 @@
 """Pictures drawn by further processes: the same ones, and all of them whatever becomes of a process."""
 
 import os
-import threading
+import time
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -14,7 +14,8 @@ from PIL import Image
 
 from spinfilters.core.errors import InputError
 from spinfilters.models.status import EstimatorStatus, Verdict
-from spinfilters.plots.figures import early_pictures, picture_files
+from spinfilters.plots.figures import early_pictures, figure_names, picture_files
+from spinfilters.run import picture_process
 from spinfilters.run.comparison_run import RunOutput, compare_into
 from spinfilters.run.picture_process import EarlyPictures, PictureProcess, draw_together, picture_processes
 from spinfilters.run.run_folder import read_figure_data
@@ -46,13 +47,22 @@ def redrawn(run: Path, process: PictureProcess) -> Pixels:
     return pixels(run)
 
 
-def test_a_further_process_draws_the_same_pictures(run: Path) -> None:
+@pytest.mark.parametrize("sends_data", [True, False])
+def test_a_further_process_draws_the_same_pictures(run: Path, sends_data: bool) -> None:
+    process = PictureProcess()
+    try:
+        source = read_figure_data(run) if sends_data else run
+        for name, wanted in pixels(run).items():
+            content = process.drawn(name, source)
+            assert content is not None
+            np.testing.assert_array_equal(np.asarray(Image.open(BytesIO(content))), wanted, name)
+    finally:
+        process.close()
+
+
+def test_pictures_of_further_processes_and_of_this_one_are_all_of_a_run(run: Path) -> None:
     alone, process = pixels(run), PictureProcess()
     try:
-        assert process.open(run)  # it is ready, and takes its share
-        last = picture_files(NAMES)[-1]
-        (run / last).unlink()
-        assert process.draw(last)
         together = redrawn(run, process)
     finally:
         process.close()
@@ -61,37 +71,58 @@ def test_a_further_process_draws_the_same_pictures(run: Path) -> None:
         np.testing.assert_array_equal(together[name], wanted, name)
 
 
-def test_pictures_that_a_process_keeps_until_the_run_is_written_are_the_same(run: Path) -> None:
-    alone, process = pixels(run), PictureProcess()
-    kept = [name for _, names in early_pictures(NAMES, NAMES) for name in names]
-    assert "summary.png" not in kept  # it shows the verdicts
-    try:
-        for name in kept:
-            (run / name).unlink(missing_ok=True)
-            assert process.keep(run, NAMES, name)
-            assert not (run / name).exists()
-            if name in alone:
-                assert process.write(name, run)
-    finally:
-        process.close()
-    together = pixels(run)
-    assert set(together) == set(alone)
-    for name, wanted in alone.items():
-        np.testing.assert_array_equal(together[name], wanted, name)
+class Recorded:
+    """A process that draws nothing and keeps what it was asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, Any]] = []
+
+    def drawn(self, name: str, source: Any) -> bytes:
+        self.asked.append((name, source))
+        return self.content(name, source)
+
+    def content(self, name: str, source: Any) -> bytes:
+        return f"{name} of {id(source)}".encode()
 
 
-def test_a_picture_kept_is_that_of_the_run_if_its_estimates_are_and_whatever_the_verdict(run: Path) -> None:
-    data, kept = read_figure_data(run), threading.Event()
+@pytest.mark.parametrize("changes", ["the verdict", "the estimates"])
+def test_a_picture_drawn_early_stays_if_its_estimates_do_whatever_the_verdict(
+    run: Path, changes: str
+) -> None:
+    data, process = read_figure_data(run), Recorded()
     setup: Any = SimpleNamespace(dataset=data.dataset)
-    process: Any = Mock(keep=lambda *_: not kept.set())
-    doubted = EstimatorStatus(Verdict.DEGRADED)
-    with EarlyPictures([process], NAMES) as early:
+    others: Any = [process]
+    possible = {f"{name}.png" for name in figure_names(data)}
+    early_names = {name for _, names in early_pictures(NAMES, NAMES) for name in names} & possible
+    assert "summary.png" not in early_names  # it shows the verdicts
+    doubted = [each.with_status(EstimatorStatus(Verdict.DEGRADED)) for each in data.evaluations]
+    final = read_figure_data(run) if changes == "the estimates" else replace(data, evaluations=doubted)
+    with EarlyPictures(others, NAMES) as early:
         early.take(setup, data.evaluations, {})
-        assert kept.wait(60.0)
-        judged = [each.with_status(doubted) for each in data.evaluations]
-        assert early.end(replace(data, evaluations=judged)) == {process: early.end(data)[process]}
-        assert early.end(data)[process]
-        assert not early.end(read_figure_data(run))[process]  # other arrays
+        while len(process.asked) < len(early_names):
+            time.sleep(0.001)
+        early.take_all(final)
+        drawn = dict(iter(early.next_drawn, None))
+    assert set(drawn) == possible
+    of_final = {name for name, content in drawn.items() if content in (None, process.content(name, final))}
+    assert of_final == (possible if changes == "the estimates" else possible - early_names)
+
+
+def test_data_that_are_too_large_to_send_are_read_from_the_written_run(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(picture_process, "LARGEST_SENT", 0)
+    data, process = read_figure_data(run), Recorded()
+    setup: Any = SimpleNamespace(dataset=data.dataset)
+    others: Any = [process]
+    with EarlyPictures(others, NAMES) as early:
+        early.take(setup, data.evaluations, {})
+        early.take_all(data)
+        assert early.next_drawn() is None
+        early.take_all(data, run)
+        drawn = dict(iter(early.next_drawn, None))
+    assert set(drawn) == {f"{name}.png" for name in figure_names(data)}
+    assert all(source == run for _, source in process.asked)
 
 
 def test_what_a_process_that_ended_should_have_drawn_is_drawn(run: Path) -> None:

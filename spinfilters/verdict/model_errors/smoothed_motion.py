@@ -220,12 +220,18 @@ class SmoothedMotion:
 
         For the solution the same as the kick itself: M J = 0.
         """
-        ordering, rows = self.rows.problem.ordering, self.rows.here.dynamics.rows
+        ordering, transitions = self.rows.problem.ordering, self._transitions
         d, states = len(ordering.moving), np.zeros((len(self.time), len(ordering.order), kick.shape[1]))
         states[step + 1, :d] = kick[ordering.moving]
         for k in range(step + 1, len(self.time) - 1):
-            states[k + 1, :d] = -np.linalg.solve(rows[k, :, d : 2 * d], rows[k, :, :d] @ states[k, :d])
+            states[k + 1, :d] = transitions[k] @ states[k, :d]
         return self.rows.seen(states)
+
+    @cached_property
+    def _transitions(self) -> Float[np.ndarray, "j d d"]:
+        """Of the errors of moving components over every step."""
+        rows, d = self.rows.here.dynamics.rows, len(self.rows.problem.ordering.moving)
+        return -np.linalg.solve(rows[:, :, d : 2 * d], rows[:, :, :d])
 
     def shifted(self, shift: Shift) -> Columns | None:
         """Right-hand sides of errors of measurements; None where no measurement has them."""
