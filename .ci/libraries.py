@@ -87,6 +87,7 @@ def note_texts(cache: Path, compiler: Path, lanes: int, kinds: list[str]) -> Non
         **os.environ,
         "CC": str(compiler),
         "SPINFILTERS_CACHE": str(cache),
+        "SPINFILTERS_COMPILE": "here",  # also what a short run would interpret
         "SPINFILTERS_LANES": str(lanes),
         "PYTHONPATH": str(ROOT),
     }

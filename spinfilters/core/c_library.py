@@ -10,7 +10,8 @@ import stat
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -18,7 +19,13 @@ from typing import Final, NamedTuple
 import casadi as ca
 
 from spinfilters.core.errors import InputError
-from spinfilters.core.shipped_libraries import NATIVE, has_libraries, processor, shipped_library
+from spinfilters.core.shipped_libraries import (
+    NATIVE,
+    compiles_here,
+    has_libraries,
+    processor,
+    shipped_library,
+)
 from spinfilters.core.user_cache import cache_folder
 from spinfilters.core.working_time import building
 
@@ -28,7 +35,11 @@ OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 LARGEST_LIBRARY: Final = 1 << 26
 """Bytes, a hundred times the largest that is built here: a larger file is not read into memory."""
 UNFINISHED: Final = "building-"
-"""How folders of builds in progress begin."""
+"""How folders and locks of builds in progress begin."""
+LONGEST_BUILD: Final = 120.0
+"""Time that a compiler is given, s."""
+WAIT_FOR_BUILD: Final = 0.02
+"""Time between two looks at a library that another process builds, s."""
 ABANDONED: Final = 3600.0
 """Age from which a build in progress has been killed, s: none is allowed more than a few minutes."""
 
@@ -76,9 +87,16 @@ def is_own_library(path: Path) -> bool:
 
 def remove_abandoned_builds(folder: Path) -> None:
     """Delete what builds left behind that were killed."""
-    for scratch in folder.glob(f"{UNFINISHED}*"):
-        if time.time() - scratch.lstat().st_mtime > ABANDONED:
-            shutil.rmtree(scratch, ignore_errors=True)
+    for left in folder.glob(f"{UNFINISHED}*"):
+        try:
+            if time.time() - left.lstat().st_mtime <= ABANDONED:
+                continue
+        except FileNotFoundError:  # another process was quicker
+            continue
+        if left.suffix == ".lock":
+            left.unlink(missing_ok=True)
+        else:
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _require_private(folder: Path) -> None:
@@ -187,8 +205,19 @@ def compiler() -> str | None:
 def load_loop(function: ca.Function) -> ctypes.PyDLL | None:
     """The function's loop over items as a shared library, or None (the caller then interprets)."""
     with building():
-        may_load = compiler() or (has_libraries() and not interprets_all())
-        return load_text(function.name(), _source(function), FLAGS) if may_load else None
+        return load_text(function.name(), _source(function), FLAGS) if _may_load() else None
+
+
+def kept_loop(function: ca.Function) -> ctypes.PyDLL | None:
+    """The library of `load_loop` where one is there already; None where a compiler would have to make it, and may do so later."""
+    if compiles_here():
+        return load_loop(function)
+    with building():
+        return kept_text(function.name(), _source(function), FLAGS) if _may_load() else None
+
+
+def _may_load() -> bool:
+    return compiler() is not None or (has_libraries() and not interprets_all())
 
 
 def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | None:
@@ -197,20 +226,15 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
     A file in the cache that is damaged, or that another user could have written, is not loaded but built again. There is no library
     without a working compiler, nor without a folder that is the user's alone.
     """
-    cc = compiler()
-    if not interprets_all() and (shipped := _shipped(text, flags)) is not None:
+    if (shipped := _shipped(text, flags)) is not None:
         return shipped
+    cc = compiler()
     if cc is None:
         return None
-    with building():
-        version = ca.CasadiMeta.version()
-    machine = (platform.system(), platform.machine(), processor() if NATIVE in flags else "")
-    key = "\0".join((text, cc, " ".join(flags), version, *machine))
-    stem = f"{name}-{_digest(key.encode())}"
     try:
         with building():
-            folder = private_folder()
-            library = _undamaged(folder, stem) or _compile((cc, *flags), text, folder / stem)
+            folder, stem = private_folder(), _stem(name, text, cc, flags)
+            library = _undamaged(folder, stem) or _built((cc, *flags), text, folder / stem)
             return ctypes.PyDLL(str(library))
     except (OSError, subprocess.SubprocessError) as error:
         LOGGER.warning(
@@ -220,8 +244,32 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
         return None
 
 
+def kept_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | None:
+    """The library of `load_text` where it came with the package or an earlier run kept it, else None: no compiler runs."""
+    if (shipped := _shipped(text, flags)) is not None:
+        return shipped
+    cc = compiler()
+    if cc is None:
+        return None
+    try:
+        with building():
+            library = _undamaged(private_folder(), _stem(name, text, cc, flags))
+            return None if library is None else ctypes.PyDLL(str(library))
+    except OSError:  # `load_text` says why
+        return None
+
+
+def _stem(name: str, text: str, cc: str, flags: tuple[str, ...]) -> str:
+    """How the file name of a library begins: its name, and a digest of all that it is made from and for."""
+    machine = (platform.system(), platform.machine(), processor() if NATIVE in flags else "")
+    key = "\0".join((text, cc, " ".join(flags), ca.CasadiMeta.version(), *machine))
+    return f"{name}-{_digest(key.encode())}"
+
+
 def _shipped(text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | None:
-    """The library that came with the package; None without one that this system can load."""
+    """The library that came with the package; None without one that this system can load, or where no compiled code is wanted."""
+    if interprets_all():
+        return None
     with building():
         library = shipped_library(text, flags)
         try:
@@ -339,6 +387,39 @@ LOGGER = logging.getLogger("spinfilters.compile")
 LOGGER.addFilter(_OneWarning())
 
 
+def _built(command: tuple[str, ...], text: str, stem: Path) -> Path:
+    """The library that another process is just making or, where none is, one that is made here."""
+    with _alone(stem):
+        return _undamaged(stem.parent, stem.name) or _compile(command, text, stem)
+
+
+@contextmanager
+def _alone(stem: Path) -> Iterator[None]:
+    """Wait while another thread or process builds the library of this name.
+
+    The system frees the lock of a process that ends, however it ends. Behind one that was halted, or in a folder without locks, a
+    library is built twice, which costs time and does no harm: each is put in its place whole.
+    """
+    import fcntl  # the cache folder is one of a POSIX system
+
+    path = stem.with_name(f"{UNFINISHED}{stem.name}.lock")
+    lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, OWN_FILE)
+    try:
+        until = time.monotonic() + LONGEST_BUILD
+        while time.monotonic() < until:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                time.sleep(WAIT_FOR_BUILD)
+            except OSError:
+                break
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(lock)
+
+
 def _compile(command: tuple[str, ...], text: str, stem: Path) -> Path:
     """Build a library whose file name is the stem and its digest."""
     LOGGER.info("compiling %s", stem.name)
@@ -347,7 +428,7 @@ def _compile(command: tuple[str, ...], text: str, stem: Path) -> Path:
         source, built = Path(scratch) / "source.c", Path(scratch) / "built.so"
         source.write_text(text)
         whole, found = [*command, "-o", built, source, "-lm"], {"PATH": os.defpath, **os.environ}
-        subprocess.run(whole, check=True, capture_output=True, timeout=120, env=found)
+        subprocess.run(whole, check=True, capture_output=True, timeout=LONGEST_BUILD, env=found)
         built.chmod(OWN_FILE)
         library = stem.with_name(f"{stem.name}-{_digest(built.read_bytes())}.so")
         os.replace(built, library)

@@ -7,12 +7,13 @@ import ctypes
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from time import thread_time
 from typing import Any, Final, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from spinfilters.core.c_library import load_loop, no_library
+from spinfilters.core.c_library import kept_loop, load_loop, no_library
 from spinfilters.core.errors import ShapeError
 from spinfilters.core.working_time import building
 
@@ -21,8 +22,10 @@ MOST_IDLE: Final = 16
 """Buffers of a function that are kept while no call needs them: as many as threads have called it at once."""
 MOST_MAPPED = 1024
 """Items that one virtual machine takes at once: to build one takes as long as to run it, and counts vary."""
-WORTH_COMPILING: Final = 100_000
-"""Items of which the interpretation takes about as long as a compiler."""
+PATIENCE: Final = 0.2
+"""Processor time that is spent on interpreting before a compiler runs, where no earlier run has left the library, s."""
+WORTH_COMPILING: Final = 1.0
+"""Processor time that a compiler takes, s."""
 Loader = Callable[[ca.Function], ctypes.PyDLL | None]
 """Makes the C library of a function's loop, or None to interpret it."""
 
@@ -44,8 +47,10 @@ class Compiled:
         non-zeros.
     load : Loader
         Makes its library; see `Compiled.interpreted` for one that never runs a compiler.
-    patience : int
-        Items that are interpreted before the library is made.
+    patience : float
+        Processor time of interpreting before a compiler runs, s.
+    kept : Loader
+        Finds the library where it is there already, as it is asked before the first item.
 
     Raises
     ------
@@ -53,8 +58,14 @@ class Compiled:
         At a call, for a wrong trailing shape or number of arguments, or batch axes that differ.
     """
 
-    def __init__(self, function: ca.Function, load: Loader = load_loop, patience: int = 0) -> None:
-        self._load, self._patience = load, patience
+    def __init__(
+        self,
+        function: ca.Function,
+        load: Loader = load_loop,
+        patience: float = PATIENCE,
+        kept: Loader = kept_loop,
+    ) -> None:
+        self._load, self._patience, self._kept = load, patience, kept
         with building():
             self._function = _densified(function)
             self.name: str = function.name()
@@ -62,7 +73,7 @@ class Compiled:
             self._inputs = list(zip(names, map(self._function.size_in, range(len(names))), strict=True))
             self._outputs = [self._function.size_out(k) for k in range(self._function.n_out())]
         self._library: ctypes.PyDLL | None = None
-        self._loaded = False
+        self._loaded = self._looked = False
         self._idle_machines: dict[int, deque[_VirtualMachine]] = {}
         self._widths = [rows if cols == 1 else 0 for _, (rows, cols) in self._inputs]
         self._pointers_in = ctypes.c_void_p * len(self._inputs)
@@ -74,12 +85,12 @@ class Compiled:
     @classmethod
     def interpreted(cls, function: ca.Function) -> "Compiled":
         """The function without C, for rarely called expressions."""
-        return cls(function, no_library)
+        return cls(function, no_library, kept=no_library)
 
     @classmethod
     def late(cls, function: ca.Function) -> "Compiled":
-        """The function without C until it has been called so often that a compiler repays."""
-        return cls(function, patience=WORTH_COMPILING)
+        """The function without C until a compiler would have repaid."""
+        return cls(function, patience=WORTH_COMPILING, kept=no_library)
 
     @property
     def input_shapes(self) -> list[tuple[int, int]]:
@@ -116,14 +127,22 @@ class Compiled:
                     self._library = self._load(self._function)
                     self._loaded = True
 
-    def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader, int]]:
+    def _look(self) -> None:
+        """Take the library that is there already; without one the first items are interpreted."""
+        with building():
+            if not self._looked and not self._loaded:
+                self._library = self._kept(self._function)
+                self._loaded = self._library is not None
+            self._looked = True
+
+    def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader, float, Loader]]:
         """Buffers and libraries do not pickle: another process builds its own from the expression."""
-        return Compiled, (self._function, self._load, self._patience)
+        return Compiled, (self._function, self._load, self._patience, self._kept)
 
     def __call__(self, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
         """Evaluate; returns one array per output (see the class for shapes)."""
-        if not self._loaded and self._patience <= 0:
-            self.build()
+        if not self._looked:
+            self._look()
         if self._library is not None:
             # taken out and put back in one step each, so that no other thread has the same; lost, if the call fails
             idle = self._idle_buffers
@@ -161,26 +180,37 @@ class Compiled:
         ]
 
     def _run(self, count: int, arrays: Sequence[Any], strides: list[int], results: list[np.ndarray]) -> None:
-        self._patience -= count
         if self._library is not None:
-            flag = self._library.spinfilters_loop(
-                ctypes.c_longlong(count),
-                self._pointers_in(*map(address, arrays)),
-                self._longs_in(*strides),
-                self._pointers_out(*map(address, results)),
-                self._strides_out,
-            )
-            if flag:
-                raise MemoryError(f"{self.name}: no memory for its work arrays")
+            self._run_library(count, arrays, strides, results)
             return
         # the virtual machine takes stretches of the batch; a shared argument (stride 0) goes whole to each
-        flat = [a.reshape(-1) for a in arrays]
-        for first in range(0, count, MOST_MAPPED):
-            some = min(MOST_MAPPED, count - first)
-            taken = [
-                a[s * first : s * (first + some)] if s else a for a, s in zip(flat, strides, strict=True)
-            ]
-            self._interpret(some, taken, strides, [result[first : first + some] for result in results])
+        flat, first = [a.reshape(-1) for a in arrays], 0
+        while first < count and self._library is None:
+            stop = min(first + MOST_MAPPED, count)
+            begin = thread_time()
+            taken = [a[s * first : s * stop] if s else a for a, s in zip(flat, strides, strict=True)]
+            self._interpret(stop - first, taken, strides, [result[first:stop] for result in results])
+            self._patience -= thread_time() - begin
+            if not self._loaded and self._patience < 0:
+                self.build()
+            first = stop
+        if first < count:
+            taken = [a[s * first :] if s else a for a, s in zip(flat, strides, strict=True)]
+            self._run_library(count - first, taken, strides, [result[first:] for result in results])
+
+    def _run_library(
+        self, count: int, arrays: Sequence[Any], strides: list[int], results: list[np.ndarray]
+    ) -> None:
+        assert self._library is not None
+        flag = self._library.spinfilters_loop(
+            ctypes.c_longlong(count),
+            self._pointers_in(*map(address, arrays)),
+            self._longs_in(*strides),
+            self._pointers_out(*map(address, results)),
+            self._strides_out,
+        )
+        if flag:
+            raise MemoryError(f"{self.name}: no memory for its work arrays")
 
     def _interpret(
         self, count: int, arrays: Sequence[Any], strides: list[int], results: list[np.ndarray]

@@ -42,9 +42,12 @@ def shipped_library(text: str, flags: Sequence[str]) -> Path | None:
 
 def has_libraries() -> bool:
     """Whether libraries came with this installation that this machine may use (not with ``SPINFILTERS_COMPILE=here``)."""
-    if os.environ.get("SPINFILTERS_COMPILE", "").lower() == "here":
-        return False
-    return platform.system() == "Linux" and bool(levels()) and bool(_files())
+    return not compiles_here() and platform.system() == "Linux" and bool(levels()) and bool(_files())
+
+
+def compiles_here() -> bool:
+    """Whether all that can be is to be compiled on this machine, and before it is used, ``SPINFILTERS_COMPILE=here``."""
+    return os.environ.get("SPINFILTERS_COMPILE", "").lower() == "here"
 
 
 def library_counts() -> dict[str, int]:

@@ -1,10 +1,12 @@
 """Compiled functions: shapes, batches, processes, and C that rounds like CasADi's virtual machine."""
 
+import os
 import pickle
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -300,14 +302,78 @@ def _library_of(function: ca.Function, folder: Path) -> Path:
     return library
 
 
-def test_a_late_function_is_compiled_once_it_has_been_called_so_often_and_keeps_its_numbers(
-    own_cache: Path, c_compiler: str, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture
+def every_item_takes_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of processor time, while it is interpreted."""
+    spent, interpret = [0.0], Compiled._interpret
+
+    def interpret_slowly(self: Compiled, count: int, *others: Any) -> None:
+        spent[0] += count
+        interpret(self, count, *others)
+
+    monkeypatch.setattr(Compiled, "_interpret", interpret_slowly)
+    monkeypatch.setattr(compiled, "thread_time", lambda: spent[0])
+
+
+@pytest.mark.usefixtures("every_item_takes_a_second", "c_compiler")
+def test_a_late_function_is_compiled_once_a_compiler_would_have_repaid_and_keeps_its_numbers(
+    own_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiled, "WORTH_COMPILING", 10)
-    function, vectors = Compiled.late(_affine_function()), np.arange(8 * 3.0).reshape(8, 3) / 7
-    first = function(np.ones((2, 3)), vectors, 2.0)
+    monkeypatch.setattr(compiled, "WORTH_COMPILING", 10.0)
+    function, arguments = Compiled.late(_affine_function()), _arguments(8)
+    first = function(*arguments)
     assert not list(own_cache.rglob("*.so"))
-    function(np.ones((2, 3)), vectors, 2.0)
-    later = function(np.ones((2, 3)), vectors, 2.0)
+    function(*arguments)
     assert list(own_cache.rglob("*.so"))
-    assert all(map(np.array_equal, first, later))
+    assert all(map(np.array_equal, first, function(*arguments)))
+
+
+@pytest.mark.usefixtures("every_item_takes_a_second", "c_compiler")
+def test_first_items_are_interpreted_and_a_library_that_is_there_is_taken_at_once(
+    own_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    function, arguments = Compiled(_affine_function(), patience=10.0), _arguments(8)
+    first = function(*arguments)
+    assert not list(own_cache.iterdir())
+    function(*arguments)
+    assert list(own_cache.glob("*.so"))
+    monkeypatch.setattr(c_library, "_compile", _no_compilation)
+    monkeypatch.setattr(Compiled, "_interpret", _no_compilation)
+    for each in (function, Compiled(_affine_function(), patience=10.0)):
+        assert all(map(np.array_equal, first, each(*arguments)))
+
+
+@pytest.mark.usefixtures("every_item_takes_a_second", "c_compiler")
+def test_a_batch_whose_first_items_were_interpreted_goes_on_in_c(
+    own_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, "MOST_MAPPED", 4)
+    A, v, s = _arguments(11)
+    expected = Compiled.interpreted(_affine_function())(A, v[0], s)
+    found = Compiled(_affine_function(), patience=5.0)(A, v[0], s)
+    assert list(own_cache.glob("*.so"))
+    assert all(map(np.array_equal, found, expected))
+
+
+def test_processes_that_need_one_library_at_once_build_it_once(own_cache: Path, c_compiler: str) -> None:
+    slow, calls, cache = own_cache / "slow-cc", own_cache / "calls", own_cache / "cache"
+    slow.write_text(f'#!/bin/sh\necho >>{calls}\nsleep 0.3\nexec {c_compiler} "$@"\n')
+    slow.chmod(0o755)
+    begin = "import pickle, sys; function = pickle.load(sys.stdin.buffer); print(flush=True); sys.stdin.buffer.read()"
+    environment = os.environ | {"CC": str(slow), "SPINFILTERS_CACHE": str(cache)}
+    command = [sys.executable, "-c", f"{begin}; assert function.is_c"]
+    builders = [
+        subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    for builder in builders:
+        assert builder.stdin
+        assert builder.stdout
+        builder.stdin.write(pickle.dumps(Compiled(_successor())))
+        builder.stdin.flush()
+        builder.stdout.readline()  # both have imported all that they need
+    for builder in builders:
+        builder.communicate()
+    assert [builder.returncode for builder in builders] == [0, 0]
+    assert calls.read_text() == "\n"
+    assert [path.suffix for path in cache.iterdir()] == [".so"]

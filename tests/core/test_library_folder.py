@@ -41,7 +41,9 @@ def shifted(by: float) -> ca.Function:
 
 def of_one() -> float:
     """1 + 1, in C where a library may be loaded."""
-    return float(Compiled(shifted(1.0))(1.0)[0][0])
+    function = Compiled(shifted(1.0))
+    function.build()
+    return float(function(1.0)[0][0])
 
 
 def planted(folder: Path) -> Path:
