@@ -46,8 +46,8 @@ Source = FigureData | Path
 """What a picture shows: data, or a run folder that holds them."""
 
 
-class Channel(Protocol):
-    """An end of a connection between two processes, of whatever kind the system has."""
+class ConnectionEnd(Protocol):
+    """An end of a connection between two processes, of the kind that the system has."""
 
     def send(self, obj: Any, /) -> None:
         """Send an object."""
@@ -61,11 +61,11 @@ class Painter:
 
     Parameters
     ----------
-    connection : Channel
+    connection : ConnectionEnd
         The process ends with it.
     """
 
-    def __init__(self, connection: Channel) -> None:
+    def __init__(self, connection: ConnectionEnd) -> None:
         self._connection = connection
         self._source: Source | None = None
         self._sent: list[object] = []
