@@ -254,6 +254,12 @@ def draw_ball(
     return generator.standard_normal((count, 3)), generator.uniform(0.8, 1.0, (count, 1))
 
 
+def pass_ball(room: Float[np.ndarray, " _"], generator: np.random.Generator) -> None:
+    """Draw what `draw_ball` draws where nobody needs it; the room is of four numbers a landmark."""
+    generator.standard_normal(out=room[: 3 * (len(room) // 4)])
+    generator.random(out=room[3 * (len(room) // 4) :])
+
+
 def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
     """Whether a ball about g stays whole in both images throughout, at about its first depth (`DEPTHS`)."""
     path = motion.block("t")
