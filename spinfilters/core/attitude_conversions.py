@@ -150,6 +150,11 @@ def rotate(q: Quaternions, v: Vectors) -> Vectors:
     return _numeric(expressions.rotate, 4, 3)(_unit("q", q), _finite("v", v, 3))[0]
 
 
+def rotation_between(q: Quaternions, p: Quaternions) -> Vectors:
+    """Rotation vector in rad from q_ab to p_ac, in axes b: p = q (x) exp(r)."""
+    return rotation_vector_from_quaternion(multiply(inverse(q), p))
+
+
 def angle_between(q: Quaternions, p: Quaternions) -> Angles:
     """Angle in [0, pi] rad between two attitudes, accurate for tiny angles and for either sign of q and p."""
     return _numeric(expressions.angle_between, 4, 4)(_unit("q", q), _unit("p", p))[0][..., 0]

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.compiled import address
+from spinfilters.core.large_arrays import pooled_zeros
 from spinfilters.core.linear_algebra import dpotrf, dtrtri, dtrtrs
 from spinfilters.filters.estimator import LandmarkBelief
 from spinfilters.filters.shared_modes import LandmarkOptions, SharedErrors, shared_modes
@@ -18,7 +19,6 @@ from spinfilters.smoother.elimination import (
     Eliminated,
     VelocityElimination,
     eliminate_velocities,
-    pooled_zeros,
 )
 from spinfilters.smoother.kernels import kernels
 from spinfilters.smoother.motion_factors import NOTHING, STRETCH, EpochFactors, InformationBlocks
