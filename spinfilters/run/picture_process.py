@@ -106,9 +106,11 @@ class PictureProcess:
 
 
 def _without_models(evaluation: Evaluation) -> Evaluation:
-    """An evaluation without the compiled functions that its layout keeps: no picture needs them, and they take longest to send."""
+    """An evaluation without the functions of its layout and blocks: no picture needs them, and compiled ones take long to send."""
     bare = StateLayout(evaluation.history.layout.blocks)
-    return evaluation.with_fields(history=replace(evaluation.history, layout=bare))
+    sent = replace(evaluation, history=replace(evaluation.history, layout=bare))
+    sent.__dict__["body"] = evaluation.body
+    return sent
 
 
 @contextmanager
@@ -359,12 +361,15 @@ class _Painter:
 
 def main() -> None:
     """Load what draws, then do what the socket at its input asks for: requests, each with what it is about."""
-    from spinfilters.plots.style import note_figure, picture_bytes
+    from spinfilters.plots.style import picture_bytes
 
     with Connection(sys.stdin.fileno()) as connection, suppress(KeyboardInterrupt, BrokenPipeError, EOFError):
-        from spinfilters.plots import scene, summary, time_courses  # noqa: F401 - loaded while the first estimator runs
+        # loaded while the first estimator runs
+        from spinfilters.plots import scene, summary, time_courses  # noqa: F401
 
-        picture_bytes(note_figure("fonts are found and loaded"), "png", dpi=50)
+        figure, _ = scene.space_figure(2.0, 2.0)
+        figure.suptitle(summary.RATIO_LABELS[0])
+        picture_bytes(figure, "png", dpi=50)  # fonts are found, and what a first picture needs is loaded
         painter = _Painter()
         answer: dict[str, Callable[..., bytes]] = {
             "show": painter.show,
