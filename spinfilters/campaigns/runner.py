@@ -20,6 +20,7 @@ from spinfilters.campaigns.row_columns import TIMES, bound_columns, noise_column
 from spinfilters.campaigns.study import CampaignRun, Cell, Study
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.metrics import metrics
 from spinfilters.evaluation.recording_bound import with_bounds, without_bounds
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
@@ -78,6 +79,7 @@ class Runner:
         self._latest: dict[str, tuple[object, Any]] = {}
         self._bounds: dict[int, dict[str, Any]] = {}
         self._spent = dict.fromkeys(TIMES, 0.0)
+        self._metrics = metrics()
         self.versions = _versions()
 
     def row(self, index: int) -> Row:
@@ -147,7 +149,7 @@ class Runner:
         (evaluation,) = comparison.evaluations
         with self._timed("evaluate"):
             shared = self.shared_begin(run)
-            found = result_columns(evaluation, shared) | self._levels(run, evaluation)
+            found = result_columns(evaluation, shared, self._metrics) | self._levels(run, evaluation)
             found["model_errors"] = " ".join(comparison.models.names)
         limits = self.motion_bound(run) if bound == "motion" else bound_columns(evaluation, shared)
         return {"outcome": "done", "reason": ""} | found | limits

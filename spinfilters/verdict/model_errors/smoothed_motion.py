@@ -81,6 +81,11 @@ Shift = Callable[[MeasuredRows], Float[np.ndarray, "r i m"] | None]
 """Change of the innovations of measurements per unit of m errors; None of those that the error is not of."""
 
 
+def centred_time(time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Times scaled so that they go from -1 to 1."""
+    return 2 * (time - time[0]) / (time[-1] - time[0]) - 1
+
+
 class _WhitenedShift(NamedTuple):
     """Measurements, and the change of their whitened innovations per unit of m errors."""
 
@@ -306,8 +311,7 @@ class SmoothedMotion:
 
     def _slow(self, degree: int) -> Float[np.ndarray, "k 3 s"]:
         """Polynomials of time up to a degree, for every axis."""
-        t = 2 * (self.time - self.time[0]) / (self.time[-1] - self.time[0]) - 1
-        return np.kron(legvander(t, degree)[:, None], np.eye(3))
+        return np.kron(legvander(centred_time(self.time), degree)[:, None], np.eye(3))
 
     @cached_property
     def measured(self) -> tuple[MeasuredRows, ...]:
