@@ -46,7 +46,7 @@ FEW_SAMPLES = {
 """Rooms and files whose tests judge no sampled mass distribution."""
 SHORT_ANIMATIONS = {"api", "cli", "docs", "live"}
 """Rooms that ask whether an animation is there; what its frames show is asked where figures are."""
-OF_PROCESSES = {"campaigns/test_dask_cluster.py", "campaigns/test_local_processes.py"}
+OF_PROCESSES = {"campaigns/test_dask_cluster.py"}
 """Files that compare numbers with those of other processes, which sample in full."""
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
 COLLECTS_BACKWARDS = bool(WORKER) and int(WORKER.removeprefix("gw")) % 2 == 1

@@ -18,8 +18,8 @@ from pathlib import Path
 from experiments.benchmarks.stopwatch import begin_benchmark
 from experiments.command_line import run_study
 from spinfilters.campaigns.batch import ROWS_TOGETHER, Batches
+from spinfilters.campaigns.dask_cluster import DaskCluster
 from spinfilters.campaigns.engine import run_campaign
-from spinfilters.campaigns.local_processes import LocalProcesses
 from spinfilters.campaigns.row_columns import TIMES
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.study import study_from
@@ -73,7 +73,7 @@ def campaign_cost(path: Path, seeds: int, workers: int, batch: bool) -> Campaign
     begin, before = time.perf_counter(), _processor_time()
     with tempfile.TemporaryDirectory(prefix="spinfilters-campaign-") as place:
         folder = Path(place) / "rows"
-        executor = Batches(workers) if batch else LocalProcesses(workers)
+        executor = Batches(workers) if batch else DaskCluster(processes=workers)
         run_campaign(study, folder, executor, together=ROWS_TOGETHER if batch else 1)
         wall, spent = time.perf_counter() - begin, _processor_time() - before
         rows = read_rows(folder, study.columns)

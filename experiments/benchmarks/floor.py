@@ -19,7 +19,7 @@ from experiments.benchmarks.smoother_workload import Workload
 from experiments.benchmarks.stopwatch import now
 from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
 from spinfilters.core.errors import InputError
-from spinfilters.smoother.elimination import pooled_zeros
+from spinfilters.core.large_arrays import pooled_zeros
 
 TEXT: Final = (
     f"enum {{ LANES = {LANES} }};"

@@ -12,7 +12,7 @@ from spinfilters.io.argument_checks import called, checked_arguments, one_of, op
 from spinfilters.io.input_file import value_text
 
 if TYPE_CHECKING:
-    from spinfilters.campaigns.engine import Advance, Executor, Progress
+    from spinfilters.campaigns.engine import Advance, Progress
     from spinfilters.campaigns.study import Study
 
 
@@ -93,26 +93,16 @@ def campaign_rows(
         raise InputError("workers are processes of this machine, a scheduler has its own; give one of both")
     if how.batch and how.scheduler is not None:
         raise InputError("batches are made on this machine; give a scheduler or batch, not both")
-    require_installed("pyarrow")
-    from spinfilters.campaigns.batch import ROWS_TOGETHER
+    for package in ("pyarrow", "distributed"):
+        require_installed(package)
+    from spinfilters.campaigns.batch import ROWS_TOGETHER, Batches
+    from spinfilters.campaigns.dask_cluster import DaskCluster, usable_processors
     from spinfilters.campaigns.engine import run_campaign
 
-    together, executor = ROWS_TOGETHER if how.batch else 1, _executor(how)
-    return run_campaign(_study(study), folder, executor, how.resume, progress or (lambda _: None), together)
-
-
-def _executor(how: CampaignArguments) -> "Executor":
-    """Place where the runs are made."""
-    if how.scheduler is not None:
-        require_installed("distributed")
-        from spinfilters.campaigns.dask_cluster import DaskCluster
-
-        return DaskCluster(how.scheduler)
-    from spinfilters.campaigns.batch import Batches
-    from spinfilters.campaigns.local_processes import LocalProcesses, usable_processors
-
     workers = how.workers or usable_processors()
-    return Batches(workers) if how.batch else LocalProcesses(workers)
+    executor = Batches(workers) if how.batch else DaskCluster(how.scheduler, workers)
+    together = ROWS_TOGETHER if how.batch else 1
+    return run_campaign(_study(study), folder, executor, how.resume, progress or (lambda _: None), together)
 
 
 def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[str, Any]:

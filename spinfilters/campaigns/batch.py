@@ -16,7 +16,7 @@ from multiprocessing import get_context
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.campaigns.engine import Chunk
 from spinfilters.campaigns.recording_factors import FaultFactor
@@ -206,9 +206,10 @@ class _Batch:
         whole = np.flatnonzero(ended & _are_numbers(taken.rows["mean"][:, -1], taken.rows["factor"][:, -1]))
         results: dict[int, Row] = {}
         if whole.size:
-            evaluation = _evaluation(cell.estimator, setup, simulated, mean, taken, whole, spent["estimate"])
-            found = columns_of_runs(evaluation, len(whole), self._filter.shared_begin, metrics())
-            results = dict(zip(whole.tolist(), found, strict=True))
+            _repeat_first(whole, [mean, *taken.rows.values()])
+            evaluation = _evaluation(cell.estimator, setup, simulated, mean, taken, spent["estimate"])
+            found = columns_of_runs(evaluation, len(mean), self._filter.shared_begin, metrics())
+            results = {k: found[k] for k in whole.tolist()}
         spent["evaluate"] = time.process_time() - begin - sum(spent.values())
         share = {f"time_{name}_s": seconds / len(self._runs) for name, seconds in spent.items()}
         share["time_total_s"] = sum(share.values())
@@ -250,29 +251,24 @@ def _evaluation(
     simulated: SimulatedRuns,
     first: Float[np.ndarray, "r m"],
     taken: RunsTaken,
-    whole: np.ndarray,
     seconds: float,
 ) -> Evaluation:
-    """Evaluation of the runs that were taken in whole, all together.
+    """Evaluation of all runs together.
 
     Errors and NEES are computed of one history with the epochs of all runs, one run behind the other.
     """
     layout, times, count = setup.process.layout, times_of(setup.timeline), len(setup.timeline)
-    before = {"mean": first[whole, np.newaxis], "factor": _tile_factor(setup, first[whole])[:, np.newaxis]}
-    every_run = len(whole) == len(first)  # as a rule: no array is copied
-    arrays = {
-        name: _rows_after_first(before.get(name), values if every_run else values[whole])
-        for name, values in taken.rows.items()
-    }
+    before = {"mean": first[:, np.newaxis], "factor": _tile_factor(setup, first)[:, np.newaxis]}
+    arrays = {name: _rows_after_first(before.get(name), values) for name, values in taken.rows.items()}
     long = {key: array.reshape(-1, *array.shape[2:]) for key, array in arrays.items()}
-    long["time"] = (times + simulated.period * whole[:, np.newaxis]).ravel()
+    long["time"] = (times + simulated.period * np.arange(len(first))[:, np.newaxis]).ravel()
     long["runtime"] = np.zeros(len(long["time"]))
     truth, every = simulated.truth, _history(name, setup, long)
     errors, nees = truth_errors(motion_of(every), truth), normalised_errors(every, truth, normalised_squares)
     last = slice(simulated.epochs - 1, None, simulated.epochs)
-    true = true_states(truth.chosen(last), layout)[whole]
+    true = true_states(truth.chosen(last), layout)
     ends = arrays["mean"][:, -1], arrays["factor"][:, -1]
-    body = bodies_of(layout, times[-1:].repeat(len(whole)), *ends).together
+    body = bodies_of(layout, times[-1:].repeat(len(first)), *ends).together
     arrays["time"] = times
     arrays["runtime"] = np.r_[0.0, np.full(count - 1, seconds / (len(first) * (count - 1)))]
     moving = {name: getattr(errors, name) for name in ("position", "attitude", "velocity", "rate")}
@@ -287,6 +283,13 @@ def _evaluation(
     )
     evaluation.__dict__["body"] = body
     return evaluation
+
+
+def _repeat_first(whole: Int[np.ndarray, " w"], arrays: Sequence[np.ndarray]) -> None:
+    """Put the first run that was taken in whole in place of those that were not, whose numbers are left out."""
+    left = np.setdiff1d(np.arange(len(arrays[0])), whole)
+    for array in arrays if left.size else ():
+        array[left] = array[whole[0]]
 
 
 def _by_runs(values: np.ndarray, count: int) -> np.ndarray:

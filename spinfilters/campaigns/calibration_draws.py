@@ -278,8 +278,7 @@ def stated_components(evaluation: Evaluation) -> dict[str, list[StatedComponent]
     if history.mass is None:
         found[MOMENTS] = _components(away, weights, each[MOMENTS])
     else:  # a posterior that was sampled gives ranks of its own
-        std = np.array([*body.principal_moments_std[:2], body.k1_std, body.k2_std])
-        found[MOMENTS] = _components(away, np.ones(1), np.tile(std, (2, 1)))
+        found[MOMENTS] = _components(away, np.ones(1), np.tile(body.shape_std, (2, 1)))
         for k in range(2):
             below = float(history.mass.weights @ (history.mass.principal_moments[:, k] < true[k]))
             found[MOMENTS][k] = replace(found[MOMENTS][k], sampled_rank=below)
@@ -309,7 +308,7 @@ def _stated_deviations(
         found[RATE].append(std[history.layout.slice("w")])
         if history.layout.translates:
             found[CENTRE].append(std[history.layout.slice("c")])
-        found[MOMENTS].append(np.array([*body.principal_moments_std[:2], body.k1_std, body.k2_std]))
+        found[MOMENTS].append(body.shape_std)
         found[AXES].append(body.principal_axes_std)
     weights = np.ones(1) if mixture is None else mixture.weights
     return weights, {name: np.array(own) for name, own in found.items()}

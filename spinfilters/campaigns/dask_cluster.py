@@ -1,4 +1,4 @@
-"""Runs on the workers of a Dask scheduler.
+"""Runs on Dask: threads of this process on one machine, or the workers of a scheduler.
 
 Dask hands out chunks of runs. A thread of a Dask worker makes those of its chunk in a process that it keeps for the next
 (`RunProcess`), and logs each row as an event, which comes to the client at once; the result of the task itself is empty.
@@ -6,18 +6,21 @@ Dask hands out chunks of runs. A thread of a Dask worker makes those of its chun
 
 import json
 import logging
+import os
 import queue
 import re
 import sys
 import time
 import uuid
+import warnings
 from collections import deque
 from collections.abc import Collection, Generator, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
-from distributed import Client, Worker, WorkerPlugin, get_worker
+from dask import config as dask_config
+from distributed import Client, LocalCluster, Worker, WorkerPlugin, get_worker
 
 from spinfilters.campaigns.engine import Chunk
 from spinfilters.campaigns.run_process import RunProcess
@@ -35,6 +38,13 @@ AHEAD: Final = 3
 CHECKED_EVERY: Final = 2.0
 """Seconds after which the threads of the cluster are counted again, and a scheduler that gives no row is asked."""
 
+UNWATCHED: Final = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "10s",
+}
+"""Settings of Dask on this machine: its looks at itself, which no page shows here, would take 4 % of a processor."""
+
 PROTOCOLS: Final = ("tcp", "tls", "ucx", "ws", "wss")
 """Protocols of a scheduler's address; tcp where none is given."""
 _ADDRESS: Final = re.compile(
@@ -48,8 +58,10 @@ class DaskCluster:
 
     Attributes
     ----------
-    address : str
-        Of the scheduler whose workers make them, such as tcp://host:8786.
+    address : str or None
+        Of a scheduler whose workers make them, such as tcp://host:8786; None for this machine.
+    processes : int
+        Of this machine, where there is no scheduler.
 
     Raises
     ------
@@ -57,10 +69,12 @@ class DaskCluster:
         At construction, what is no address.
     """
 
-    address: str
+    address: str | None = None
+    processes: int = 1
 
     def __post_init__(self) -> None:
-        _require_address(self.address)
+        if self.address is not None:
+            _require_address(self.address)
 
     def rows(self, study: Study, chunks: list[Chunk]) -> Generator[Row, None, None]:
         """Rows in the order of completion.
@@ -70,18 +84,25 @@ class DaskCluster:
         Raises
         ------
         InputError
-            No scheduler at the address, or none for `RECOVERY_COUNT` seconds; workers that cannot make runs.
+            Dask cannot start on this machine; no scheduler at the address, or none for `RECOVERY_COUNT`
+            seconds; workers that cannot make runs.
         """
         unanswered, patience = {run for chunk in chunks for run in chunk}, FIRST_COUNT
-        with silent_dask():
+        place = _this_machine(self.processes) if self.address is None else nullcontext(self.address)
+        with silent_dask(), place as address:
             while unanswered:
                 left = (tuple(run for run in chunk if run in unanswered) for chunk in chunks)
-                with _connected(self.address, patience) as client:
+                with _connected(address, patience) as client:
                     for row in _collect_rows(client, study, filter(None, left)):
                         if row["run"] in unanswered:  # not of a chunk that was handed out twice
                             unanswered.discard(row["run"])
                             yield row
                 patience = RECOVERY_COUNT
+
+
+def usable_processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class RunProcesses(WorkerPlugin):
@@ -211,6 +232,38 @@ def _threads(client: Client) -> int:
         threads: Any = client.nthreads()
         return max(1, sum(threads.values()))
     raise _SchedulerLostError
+
+
+@contextmanager
+def _this_machine(processes: int) -> Iterator[str]:
+    """Address of a scheduler in this process, whose one worker has a thread for each process of runs.
+
+    Nothing of Dask listens to other machines. InputError: it cannot start, as where sockets are forbidden.
+    """
+    own_page = "127.0.0.1:0"  # scheduler and worker insist on one
+    try:
+        with warnings.catch_warnings(), dask_config.set(UNWATCHED):
+            warnings.simplefilter("ignore")  # a machine without a network has no address: none is needed
+            cluster: Any = LocalCluster(
+                n_workers=1,
+                threads_per_worker=processes,
+                processes=False,
+                memory_limit=0,  # this process's memory is not Dask's to judge
+                dashboard_address=own_page,
+                scheduler_kwargs={"dashboard": False},  # no page that needs bokeh
+                worker_dashboard_address=own_page,
+                silence_logs=logging.CRITICAL,
+            )
+    except (OSError, RuntimeError) as error:
+        raise InputError(
+            f"Dask cannot start on this machine ({reason(error)}); allow sockets of 127.0.0.1 and a temporary folder, "
+            "or give a cluster with --scheduler"
+        ) from None
+    try:
+        yield cluster.scheduler_address
+    finally:
+        with suppress(Exception):
+            cluster.close(timeout=10)
 
 
 @contextmanager

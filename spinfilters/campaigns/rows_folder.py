@@ -323,9 +323,15 @@ def write_table(path: Path, table: pa.Table) -> None:
 
 
 def _table(rows: Sequence[Mapping[str, Any]], wanted: pa.Schema) -> pa.Table:
-    return pa.table(
-        {each.name: pa.array([row.get(each.name) for row in rows], each.type) for each in wanted}, wanted
-    )
+    held = set().union(*rows)
+
+    def column(name: str, kind: pa.DataType) -> pa.Array:
+        """Values of the rows."""
+        if name not in held:
+            return pa.nulls(len(rows), kind)
+        return pa.array([row.get(name) for row in rows], kind)
+
+    return pa.table({each.name: column(each.name, each.type) for each in wanted}, wanted)
 
 
 def _holds_study(held: pa.Schema, wanted: pa.Schema) -> bool:

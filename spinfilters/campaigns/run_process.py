@@ -8,7 +8,6 @@ another. Its own alarm ends it when a run takes longer than the study allows; wh
 """
 
 import json
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -18,11 +17,8 @@ import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Final
-
-from threadpoolctl import threadpool_limits
 
 from spinfilters.campaigns.runner import Row, Runner, ended
 from spinfilters.campaigns.study import Study, study_from
@@ -43,41 +39,6 @@ LARGEST_ANSWER: Final = 1 << 24
 """Bytes of a row: a longer line is a fault."""
 
 
-class _Forked:
-    """A process forked of this one, with the face of `subprocess.Popen`: it has loaded all that this one has."""
-
-    def __init__(self, study: Study) -> None:
-        requests, given = os.pipe()
-        answered, answers = os.pipe()
-        serve = partial(_serve_forked, study, requests, answers, (given, answered))
-        self._process = multiprocessing.get_context("fork").Process(target=serve, daemon=True)
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", DeprecationWarning
-            )  # threads of this process hold nothing that runs need
-            self._process.start()
-        self.pid = self._process.pid
-        os.close(requests)
-        os.close(answers)
-        self.stdin, self.stdout = os.fdopen(given, "wb"), os.fdopen(answered, "rb")
-
-    @property
-    def returncode(self) -> int:
-        """Exit code, or the negative number of the signal that ended it."""
-        return self._process.exitcode or 0
-
-    def kill(self) -> None:
-        """End it at once."""
-        self._process.kill()
-
-    def wait(self) -> None:
-        """Wait until it has ended."""
-        self._process.join()
-
-
-_Child = subprocess.Popen[bytes] | _Forked
-
-
 class RunProcess:
     """A process that makes the runs of one study, started again when a run has ended it.
 
@@ -91,7 +52,7 @@ class RunProcess:
 
     def __init__(self, study: Study, command: Sequence[str] = COMMAND) -> None:
         self._study, self._command = study, command
-        self._process: _Child | None = None
+        self._process: subprocess.Popen[bytes] | None = None
         self._making = threading.Lock()  # while a thread waits for a row
         self._starting, self._stopped = threading.Lock(), False
 
@@ -100,12 +61,6 @@ class RunProcess:
         """Process identifier, while there is a process."""
         process = self._process
         return None if process is None else process.pid
-
-    def fork(self) -> None:
-        """Start by a fork of this process where the system has forks, before it has threads; a program follows where it dies."""
-        if sys.platform == "linux":
-            with self._starting:
-                self._process = _Forked(self._study)
 
     def row(self, run: int) -> Row:
         """Make a run, and wait for its row.
@@ -146,7 +101,7 @@ class RunProcess:
                 return ended(self._study, run, "killed", reason, seconds)
         raise AssertionError("the last death gives a row")
 
-    def _start(self) -> _Child:
+    def _start(self) -> "subprocess.Popen[bytes]":
         """Start the process and wait until it is ready."""
         paths = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
         environment = {**ENVIRONMENT, **os.environ, "PYTHONPATH": os.pathsep.join(paths)}
@@ -168,7 +123,7 @@ class RunProcess:
             code = self._reap(process)
         raise InputError(f"worker processes cannot be started ({_cause(code)}); run 'spinfilters doctor'")
 
-    def _reap(self, process: _Child) -> int:
+    def _reap(self, process: "subprocess.Popen[bytes]") -> int:
         """Exit code of a process that answers no more."""
         process.wait()
         self._process = None
@@ -179,14 +134,14 @@ class RunProcess:
         return process.returncode
 
 
-def _write(process: _Child, line: bytes) -> None:
+def _write(process: "subprocess.Popen[bytes]", line: bytes) -> None:
     assert process.stdin is not None
     with suppress(BrokenPipeError):  # it has ended, and its silence will say so
         process.stdin.write(line)
         process.stdin.flush()
 
 
-def _read_line(process: _Child) -> bytes:
+def _read_line(process: "subprocess.Popen[bytes]") -> bytes:
     """Next whole line of a process; empty where it ended before."""
     assert process.stdout is not None
     line = process.stdout.readline(LARGEST_ANSWER)
@@ -208,44 +163,29 @@ def _cause(code: int) -> str:
 
 def main() -> None:
     """Make the runs whose numbers standard input gives, until it ends."""
-    answers = os.dup(1)
-    _prepare()
-    requests, first = sys.stdin.buffer, sys.stdin.buffer.readline()
-    if first:
-        _serve(study_from(json.loads(first), "study"), requests, answers, b"ready\n")
-
-
-def _serve_forked(study: Study, requests: int, answers: int, others: Sequence[int]) -> None:
-    """Make runs in a process that has just been forked; the other ends of its pipes are closed."""
-    os.setsid()  # Ctrl-C is for the process that asked
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_DFL)
-    for other in others:
-        os.close(other)
-    _prepare()
-    with threadpool_limits(1, user_api="blas"):
-        _serve(study, os.fdopen(requests, "rb"), answers)
-
-
-def _prepare() -> None:
-    """What a process of runs does first."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)  # ends the process wherever it is
+    answers = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # what libraries print is no answer
     with suppress(OSError), open("/proc/self/oom_score_adj", "w") as score:
         score.write("1000")  # short of memory, the system is to end this process and not the one that waits
+    with suppress(BrokenPipeError):
+        _serve(sys.stdin.buffer, answers)
 
 
-def _serve(study: Study, requests: BinaryIO, answers: int, greeting: bytes = b"") -> None:
-    """Say that all is ready, and answer each number with the row of its run."""
+def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
+    """Answer the study with a line, and each number with the row of its run."""
+    first = requests.readline()
+    if not first:
+        return
     warnings.filterwarnings("ignore", category=RuntimeWarning)  # numbers that are not finite have a status
+    study = study_from(json.loads(first), "study")
     runner, limit = Runner(study), study.options.time_limit_s
-    with suppress(BrokenPipeError), os.fdopen(answers, "wb", buffering=0) as stream:
-        stream.write(greeting)
-        for request in iter(requests.readline, b""):
-            signal.setitimer(signal.ITIMER_REAL, limit)
-            row = runner.row(int(request))
-            signal.setitimer(signal.ITIMER_REAL, 0)
-            stream.write(json.dumps(row).encode() + b"\n")
+    answers.write(b"ready\n")
+    for request in iter(requests.readline, b""):
+        signal.setitimer(signal.ITIMER_REAL, limit)
+        row = runner.row(int(request))
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        answers.write(json.dumps(row).encode() + b"\n")
 
 
 if __name__ == "__main__":

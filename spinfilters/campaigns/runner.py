@@ -2,9 +2,9 @@
 
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Final, TypeVar
@@ -20,16 +20,20 @@ from spinfilters.campaigns.row_columns import TIMES, bound_columns, noise_column
 from spinfilters.campaigns.study import CampaignRun, Cell, Study
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.metrics import metrics
 from spinfilters.evaluation.recording_bound import with_bounds, without_bounds
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import printable
+from spinfilters.models.status import Finding
 from spinfilters.run.estimation import Comparison, ComparisonExtent, compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.run.readers import read_dataset
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.measurement_faults import with_faults
 from spinfilters.simulation.model_faults import faulty_recording, model_faults
 from spinfilters.simulation.scenario import Motion, measured, motion_in_view, without_map, without_noise
+from spinfilters.verdict.filter_diagnostics import motion_diagnostics
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,7 @@ class Runner:
         self._latest: dict[str, tuple[object, Any]] = {}
         self._bounds: dict[int, dict[str, Any]] = {}
         self._spent = dict.fromkeys(TIMES, 0.0)
+        self._metrics = metrics()
         self.versions = _versions()
 
     def row(self, index: int) -> Row:
@@ -105,21 +110,38 @@ class Runner:
         """The run's data set, initialised."""
         cell = self.study.cells[run.cell]
         dataset = self.recording(run)
-        key: tuple[Any, ...] = (cell.own_recording, run.seed, self._factors(run), cell.belief)
-        for table in ("process", "sensors", "initialisation", "landmarks"):
-            key = (*key, getattr(cell.settings, table))
         with self._timed("initialise"):
-            return self._cache_latest("prepared", key, lambda: self._initialised(run, cell, dataset))
+            return self._cache_latest(
+                "prepared", self._setup_key(run), lambda: self._initialised(run, cell, dataset)
+            )
+
+    def _setup_key(self, run: CampaignRun) -> tuple[Any, ...]:
+        """What runs of the same initialisation have in common."""
+        cell = self.study.cells[run.cell]
+        tables = (
+            getattr(cell.settings, name) for name in ("process", "sensors", "initialisation", "landmarks")
+        )
+        return cell.own_recording, run.seed, self._factors(run), cell.belief, *tables
 
     def compared(self, run: CampaignRun, with_bound: bool) -> Comparison:
         """The run's estimator, evaluated."""
         setup, settings = self.setup(run), self.study.cells[run.cell].settings
-        extent = ComparisonExtent(with_bounds if with_bound else without_bounds, rehearsing=None)
+        extent = ComparisonExtent(
+            with_bounds if with_bound else without_bounds,
+            rehearsing=None,
+            motion_findings=lambda *_: self._motion_findings(run, setup, settings),
+        )
         with self._timed("estimate"):
             found = compare_estimators(setup, settings, lambda *_: None, extent=extent)
         if found.interrupted:
             raise KeyboardInterrupt
         return found
+
+    def _motion_findings(self, run: CampaignRun, setup: Setup, settings: Settings) -> Sequence[Finding]:
+        """Findings of a recording's motion, asked once of all estimators with the same settings."""
+        others = [getattr(settings, each.name) for each in fields(settings) if each.name != "estimators"]
+        key = (self._setup_key(run), *others)
+        return self._cache_latest("motion findings", key, lambda: motion_diagnostics(setup, settings))
 
     def _result(self, run: CampaignRun) -> Row:
         bound = self.study.options.bound
@@ -127,7 +149,7 @@ class Runner:
         (evaluation,) = comparison.evaluations
         with self._timed("evaluate"):
             shared = self.shared_begin(run)
-            found = result_columns(evaluation, shared) | self._levels(run, evaluation)
+            found = result_columns(evaluation, shared, self._metrics) | self._levels(run, evaluation)
             found["model_errors"] = " ".join(comparison.models.names)
         limits = self.motion_bound(run) if bound == "motion" else bound_columns(evaluation, shared)
         return {"outcome": "done", "reason": ""} | found | limits

@@ -14,7 +14,7 @@ from spinfilters.core.attitude_conversions import (
     multiply,
     quaternion_from_rotation_vector,
     rotate,
-    rotation_vector_from_quaternion,
+    rotation_between,
 )
 from spinfilters.core.errors import InputError, ShapeError
 
@@ -88,7 +88,7 @@ class CameraTrajectory:
         start, end = self.poses[before], self.poses[before + 1]
         share = ((stamps - self.time[before]) / (self.time[before + 1] - self.time[before]))[:, None]
         # slerp: q = q_start exp(share log(q_start^-1 q_end))
-        rotation = rotation_vector_from_quaternion(multiply(inverse(start[:, 3:]), end[:, 3:]))
+        rotation = rotation_between(start[:, 3:], end[:, 3:])
         q = multiply(start[:, 3:], quaternion_from_rotation_vector(share * rotation))
         found = np.concatenate([start[:, :3] + share * (end[:, :3] - start[:, :3]), q], axis=1)
         found = np.where(share == 0, start, np.where(share == 1, end, found))
@@ -116,7 +116,7 @@ class CameraTrajectory:
         rates = np.concatenate(
             [
                 np.diff(self.poses[:, :3], axis=0) / h[:, None],
-                rotation_vector_from_quaternion(multiply(inverse(q[:-1]), q[1:])) / h[:, None],
+                rotation_between(q[:-1], q[1:]) / h[:, None],
             ],
             axis=1,
         )
@@ -192,7 +192,7 @@ def later(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Flo
     q = continuous_quaternions(poses[:, 3:])
     place = np.gradient(poses[:, :3], time, axis=0)
     # rotation since the pose before, by the mean of what leads to a pose and what leads from it
-    turns = rotation_vector_from_quaternion(multiply(inverse(q[:-1]), q[1:])) / np.diff(time)[:, None]
+    turns = rotation_between(q[:-1], q[1:]) / np.diff(time)[:, None]
     rates = np.concatenate([turns[:1], (turns[:-1] + turns[1:]) / 2, turns[-1:]])
     return np.concatenate([place, rates], axis=1)[:, :, None]
 

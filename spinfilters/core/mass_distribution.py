@@ -113,7 +113,7 @@ def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:
     InputError
         When J is no rigid body, that is when a principal moment reaches the sum of the other two (`SINGULAR`).
     """
-    S = np.trace(J) / 2 * np.eye(3) - J
+    S = second_moments_of(J)
     smallest, _, largest = np.linalg.eigvalsh(S)
     if not smallest > SINGULAR * largest:
         raise InputError(
@@ -122,6 +122,11 @@ def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:
         )
     L = np.linalg.cholesky(S / np.cbrt(np.linalg.det(S)))
     return np.array([np.log(L[0, 0]), np.log(L[1, 1]), L[1, 0], L[2, 0], L[2, 1]])
+
+
+def second_moments_of(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """S = tr(J) / 2 I - J of an inertia, in its unit."""
+    return np.trace(J) / 2 * np.eye(3) - J
 
 
 def inertia_entries(J: Expression) -> Expression:

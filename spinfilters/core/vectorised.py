@@ -4,7 +4,7 @@ import ctypes
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Sequence
 from itertools import accumulate, pairwise
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -13,6 +13,7 @@ from jaxtyping import Int
 from spinfilters.core.c_library import FLAGS, LANES, NATIVE, load_text
 from spinfilters.core.compiled import Compiled, address
 from spinfilters.core.errors import ShapeError
+from spinfilters.core.large_arrays import LARGE, pooled_array
 from spinfilters.core.working_time import built_property
 
 _BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/", ca.OP_LT: "<", ca.OP_LE: "<="}
@@ -465,6 +466,8 @@ class VectorisedScan(_GeneratedLoop):
         return scan_text(*[plain.function for plain in self._plain]), f"{self.name}_fold"
 
 
+LARGEST_LENT: Final = 1 << 21
+"""Numbers of a result, 16 MB, above which it has memory of its own, that is given back when the result is gone."""
 _FLOAT, _INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 
 
@@ -477,10 +480,14 @@ def _run(
 ) -> tuple[np.ndarray, ...]:
     arrays = [_plain(argument, _FLOAT) for argument in arguments]
     chosen = [None if row is None else _plain(row, _INTEGER) for row in rows]
-    results = tuple([np.empty(shape) for shape in shapes])
+    results = tuple([_empty(*shape) for shape in shapes])
     turned = None if each is None else _plain(each, _FLOAT)
     library.spinfilters_lanes(*_call_arguments(arrays, chosen, results, turned))
     return results
+
+
+def _empty(count: int, width: int) -> np.ndarray:
+    return pooled_array(count, width) if LARGE <= count * width <= LARGEST_LENT else np.empty((count, width))
 
 
 def _call_arguments(

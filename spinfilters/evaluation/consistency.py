@@ -171,8 +171,9 @@ def normalised_errors(
 
     def derive(part: slice) -> dict[str, np.ndarray]:
         """Quantities of a stretch of epochs."""
-        factor = history.factor[rows[part]]
-        away = layout.local_pairs(history.mean[rows[part]], true_states(truth, layout, true_rows[part]))
+        own = _as_slice(rows[part])
+        factor, truly = history.factor[own], true_states(truth, layout, _as_slice(true_rows[part]))
+        away = layout.local_pairs(history.mean[own], truly)
         parts = {b: layout.slice(b) for b in layout.blocks}
         if moved is None:
             parts["total"] = slice(0, layout.error_dim)
@@ -183,6 +184,11 @@ def normalised_errors(
     squares = by_stretches(len(rows), derive, history.factor)
     dof = layout.error_dim - (0 if moved is None else moved.shape[2])
     return NormalisedErrors(history.time[rows], squares.pop("total"), dof, squares)
+
+
+def _as_slice(rows: Int[np.ndarray, " n"]) -> slice | Int[np.ndarray, " n"]:
+    """Ascending rows as a slice where none is left out: no array is copied."""
+    return slice(rows[0], rows[-1] + 1) if rows[-1] - rows[0] == len(rows) - 1 else rows
 
 
 def _squares(

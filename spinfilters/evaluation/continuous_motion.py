@@ -11,7 +11,7 @@ from spinfilters.core.attitude_conversions import (
     multiply,
     quaternion_from_rotation_vector,
     rotate,
-    rotation_vector_from_quaternion,
+    rotation_between,
 )
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import InputError
@@ -138,7 +138,7 @@ class ContinuousMotion:
             part[::-1] for part in _propagate_motions(self.inertia, q[1:], rate[1:], -dt / steps, steps)
         ]
         share = (np.arange(steps + 1) / steps)[:, None, None]
-        turn = rotation_vector_from_quaternion(multiply(inverse(ahead[0]), behind[0]))
+        turn = rotation_between(ahead[0], behind[0])
         attitudes = multiply(ahead[0], quaternion_from_rotation_vector(share * turn))
         rates = (1 - share) * ahead[1] + share * behind[1]
         # the centre of mass moves on a straight line: r_k + v_k s dt and r_k+1 - v_k+1 (1 - s) dt

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.attitude_conversions import inverse, multiply, rotation_vector_from_quaternion
+from spinfilters.core.attitude_conversions import rotation_between
 from spinfilters.core.conventions import PerRun
 from spinfilters.core.mass_distribution import inertia_matrices, inertia_matrix
 from spinfilters.evaluation.consistency import knows_state, true_states
@@ -206,7 +206,7 @@ def posterior_quantities(posterior: StateMixture, reference: EstimateHistory) ->
     last = history_at(reference, np.full(count, -1))
     motion = trajectory_of(replace(last, mean=posterior.means, factor=posterior.factors))
     about = reference.mean[-1, layout.mean_slice("a")]
-    turns = rotation_vector_from_quaternion(multiply(inverse(about)[np.newaxis], motion.q_ig))
+    turns = rotation_between(about[np.newaxis], motion.q_ig)
     points, point_weights = posterior.mass_points, posterior.mass_weights
     if points is None or point_weights is None:
         points, point_weights = posterior.means[:, layout.mean_slice("s")], weights
@@ -260,10 +260,7 @@ def stated_beliefs(
     stated = {
         ATTITUDE: (nothing, motion.std_attitude[0]),
         RATE: (motion.rate_i[0], motion.std_rate[0]),
-        MOMENTS: (
-            np.array([*body.principal_moments[:2], body.k1, body.k2]),
-            np.array([*body.principal_moments_std[:2], body.k1_std, body.k2_std]),
-        ),
+        MOMENTS: (body.shape, body.shape_std),
         AXES: (nothing, body.principal_axes_std),
     }
     if motion.sees_position:

@@ -25,7 +25,7 @@ from spinfilters.filters.epoch_run import RunOptions, compiled_loops, run_option
 from spinfilters.filters.error_coordinates import ErrorCoordinates, InvariantOptions
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel, RunsTaken
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter, PredictedMeasurement
-from spinfilters.filters.flow_curvature import FlowCurvature, widened_runs
+from spinfilters.filters.flow_curvature import FlowCurvature, pass_stretches, widened_runs
 from spinfilters.filters.iterated_update import (
     IteratedObservations,
     IteratedUpdate,
@@ -202,13 +202,7 @@ class MultiplicativeEkf(FirstOrderFilter):
                 chosen, self.process, mean[runs], factor[runs], epochs.dt[epoch]
             ).items():
                 factor[runs[k]] = wider
-            ends = epoch.copy()
-            for k, curvature in enumerate(chosen):
-                dt = epochs.dt[epoch[k] :]
-                steps = curvature.steps_in_stretch(dt)
-                curvature.pass_steps(dt[:steps])
-                ends[k] += steps
-            return ends
+            return pass_stretches(chosen, epochs.dt, epoch)
 
         return take_in_runs(self.process, mean, factor, epochs, options, stretches)
 

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.filters.estimator import ProcessModel, Snapshot
 from spinfilters.filters.square_root import triangular_factor
@@ -172,6 +172,42 @@ def widened_runs(
             # S S' + 3/4 sum of c c'
             found[k] = triangular_factor(np.concatenate([factor[k], rows], axis=1).T)
     return found
+
+
+def pass_stretches(
+    curvatures: Sequence[FlowCurvature], dt: Float[np.ndarray, " n"], epoch: Int[np.ndarray, " r"]
+) -> Int[np.ndarray, " r"]:
+    """Note that each run makes the steps from its epoch on that begin within its stretch.
+
+    Parameters
+    ----------
+    curvatures : Sequence[FlowCurvature]
+        Of each run.
+    dt : ndarray of float, shape (n,)
+        Durations of the steps to all epochs, s.
+    epoch : ndarray of int, shape (r,)
+        Next epoch of each run; there is one.
+
+    Returns
+    -------
+    ndarray of int, shape (r,)
+        Epoch of each run after these steps, as of `FlowCurvature.steps_in_stretch`.
+    """
+    runs, count, most = len(epoch), len(dt), len(dt) - int(epoch.min())
+    # row r: the durations of the run's next steps, as many as the run with most has; zero behind its last
+    own = np.concatenate([dt, np.zeros(most)])[epoch[:, np.newaxis] + np.arange(most)]
+    before = np.array([[each._left] for each in curvatures])
+    left = np.subtract.accumulate(np.concatenate([before, own], axis=1), axis=1)[:, 1:]
+    begins_another = left[:, :-1] < own[:, 1:] / 2
+    begins_another &= np.arange(1, most) < (count - epoch)[:, np.newaxis]
+    steps = (
+        np.where(begins_another.any(axis=1), begins_another.argmax(axis=1) + 1, count - epoch)
+        if most > 1
+        else count - epoch
+    )
+    for each, after in zip(curvatures, left[np.arange(runs), steps - 1].tolist(), strict=True):
+        each._left = after
+    return epoch + steps
 
 
 def _is_soft(layout: StateLayout, factor: Float[np.ndarray, "r N N"]) -> Bool[np.ndarray, " r"]:

@@ -48,9 +48,10 @@ class SensorEpochs:
         """The measurements of all epochs of a timeline."""
         counts = part.end - part.first
         epoch = np.repeat(np.arange(len(counts)), counts)
-        before = np.cumsum(counts) - counts
-        rows = np.repeat(part.first - before, counts) + np.arange(len(epoch))
-        every = part.every
+        every, rows = part.every, slice(int(part.first[0]), int(part.end[-1])) if len(counts) else slice(0)
+        if not np.array_equal(part.first[1:], part.end[:-1]):  # epochs do not lie one behind the other
+            before = np.cumsum(counts) - counts
+            rows = np.repeat(part.first - before, counts) + np.arange(len(epoch))
         ids = None if every.ids is None else every.ids[rows]
         return cls(Measurement(every.model, every.values[rows], every.parameters[rows], ids), epoch)
 

@@ -408,7 +408,7 @@ class NoisyModels:
     def identified(self, unstated: Unstated, from_residuals: bool) -> Identified | None:
         """Levels identified from the median residuals, or from those of the initialisation."""
         start = self.start
-        if start.has_failed or not np.isfinite(start.mean).all():
+        if not start.has_states:
             return None
         epochs = self.timeline[: len(start.mean)]
         problem = problem_of(self.process, epochs, start.ids, start.prior, OBSERVATIONS_NEEDED)

@@ -127,6 +127,11 @@ class InitialEstimate:
         """Whether nothing of it is finite."""
         return self.status.verdict is Verdict.FAILED
 
+    @property
+    def has_states(self) -> bool:
+        """Whether it has not failed, and all of its states are finite."""
+        return not self.has_failed and bool(np.isfinite(self.mean).all())
+
     @cached_property
     def moments_std(self) -> float:
         """Largest standard deviation of a principal moment after it, relative to the largest moment."""

@@ -17,7 +17,7 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.document import read_yaml_rows
-from spinfilters.io.headings import heading_of
+from spinfilters.io.headings import is_clock, is_of_motion
 from spinfilters.io.input_file import (
     MAX_TABLE_ROWS,
     ignored_warnings,
@@ -613,13 +613,8 @@ def _columns_of(path: Path, arrays: Mapping[str, Any], stated: Sequence[str] = (
         raise InputError(
             f"{path_text(path)}: holds no arrays of numbers; save a clock and body rates, or poses"
         )
-    headings = [heading_of(name) for name in columns]
     unnamed = next((held for held in arrays.values() if np.ndim(held) == 2 and min(np.shape(held)) > 4), None)
-    are_clocks = all(
-        heading is not None and heading.quantity == "time"
-        for name, heading in zip(columns, headings, strict=True)
-        if " part " not in name
-    )
+    are_clocks = all(is_clock(name) for name in columns if " part " not in name)
     if unnamed is not None and are_clocks and not stated:
         raise InputError(
             f"{path_text(path)}: does not say what the {min(np.shape(unnamed))} numbers of each sample are; "
@@ -683,9 +678,7 @@ def _of_matrices(path: Path, arrays: Mapping[str, Any]) -> dict[str, np.ndarray]
 def _is_rate_or_quaternion(name: str) -> bool:
     """Whether an array is called as a vector of rates or a quaternion."""
     named = [name, *(f"{name}_{axis}" for axis in "xw")]
-    return any(
-        found.quantity in ("rate", "quaternion") for each in named if (found := heading_of(each)) is not None
-    )
+    return any(map(is_of_motion, named))
 
 
 def _rows_of(array: Any) -> np.ndarray:
@@ -696,16 +689,11 @@ def _rows_of(array: Any) -> np.ndarray:
 
 def _clocks_of(arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Arrays of one column that are called as clocks are."""
-    found = {}
-    for name, held in arrays.items():
-        heading = heading_of(name)
-        if (
-            heading is not None
-            and heading.quantity == "time"
-            and np.size(held) == max(np.shape(held), default=0)
-        ):
-            found[name] = np.ravel(held)
-    return found
+    return {
+        name: np.ravel(held)
+        for name, held in arrays.items()
+        if is_clock(name) and np.size(held) == max(np.shape(held), default=0)
+    }
 
 
 def _stated_columns(
@@ -733,8 +721,7 @@ def _stated_columns(
         )
     (array,) = fitting.values()
     kept = {name: column for name, column in zip(stated, array.T, strict=True) if name != "-"}
-    named = [heading_of(name) for name in kept]
-    if not any(heading is not None and heading.quantity == "time" for heading in named):
+    if not any(map(is_clock, kept)):
         kept |= {name: clock for name, clock in clocks.items() if len(clock) == len(array)}
     return array_columns(kept, path)
 

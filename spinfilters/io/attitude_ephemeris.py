@@ -13,6 +13,7 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.document import read_xml
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
+    finite_numbers,
     parse_number,
     path_text,
     read_bytes,
@@ -81,11 +82,8 @@ class _Attitude(NamedTuple):
 
 def _numbers(path: Path, line: int, cells: Sequence[str], count: int) -> list[float]:
     """Finite numbers of at least so many cells. InputError: fewer, or other cells."""
-    try:
-        numbers = [parse_number(cell) for cell in cells]
-    except ValueError:
-        numbers = []
-    if len(numbers) < count or not np.isfinite(numbers).all():
+    numbers = finite_numbers(cells)
+    if len(numbers) < count:
         raise InputError(
             f"{path_text(path)}: line {line}: {value_text(' '.join(cells))} are not {count} numbers; correct or delete the line"
         )

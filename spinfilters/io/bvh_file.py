@@ -11,6 +11,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
+    finite_numbers,
     parse_number,
     path_text,
     printable,
@@ -82,11 +83,8 @@ def _rows(path: Path, lines: list[str], first: int, count: int) -> np.ndarray:
         cells = line.split()
         if not cells:
             continue
-        try:
-            row = [parse_number(cell) for cell in cells]
-        except ValueError:
-            row = []
-        if len(row) != count or not np.isfinite(row).all():
+        row = finite_numbers(cells)
+        if len(row) != count:
             raise InputError(
                 f"{path_text(path)}: line {number}: does not hold the {count} numbers of a frame; correct or delete it"
             )

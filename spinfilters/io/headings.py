@@ -19,8 +19,10 @@ AXES: Final[dict[Quantity, Sequence[str]]] = {
     "matrix": tuple(row + column for row in "xyz" for column in "xyz"),
 }
 """Components of each quantity; of a rotation matrix, row and column."""
+ROTATIONS: Final[frozenset[Quantity]] = frozenset({"quaternion", "matrix", "mrp"})
+"""Quantities that are attitudes."""
 TICKS: Final = "ticks"
-"""Unit of the clock of Xsens: 100 us in its inertial units, 1 us in its Dots; see `spinfilters.io.motion_table`."""
+"""Unit of the clock of Xsens: 100 us in its inertial units, 1 us in its Dots; see `spinfilters.io.motion_clock`."""
 TIME_UNITS: Final[dict[str, str]] = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
     **dict.fromkeys(("ms", "msec", "millis", "millisec", "milliseconds"), "ms"),
@@ -173,6 +175,12 @@ def is_clock(text: str) -> bool:
     """Whether a column is called as a clock."""
     heading = heading_of(text)
     return heading is not None and heading.quantity == "time"
+
+
+def is_of_motion(text: str) -> bool:
+    """Whether a column is called as a component of a body rate or of a quaternion."""
+    heading = heading_of(text)
+    return heading is not None and heading.quantity in ("rate", "quaternion")
 
 
 def parts_of(text: str) -> tuple[str, str]:

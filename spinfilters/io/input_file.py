@@ -7,6 +7,7 @@ Python's list of filters belongs to the whole process. Two threads that exchange
 one after, so only one of them does so at a time.
 """
 
+import math
 import os
 import re
 import reprlib
@@ -152,6 +153,24 @@ def parse_number(text: str | bytes) -> float:
 
 _FORTRAN: Final = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)[dD][-+]?\d{1,3}")
 """A number of double precision as Fortran writes it: 0.25D+01."""
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number, see `parse_number`."""
+    try:
+        parse_number(text)
+    except ValueError:
+        return False
+    return True
+
+
+def finite_numbers(cells: Iterable[str]) -> list[float]:
+    """Numbers of cells; none of them where one is no finite number."""
+    try:
+        numbers = [parse_number(cell) for cell in cells]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
 
 
 def first_text(path: Path, size: int) -> str:

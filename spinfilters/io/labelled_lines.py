@@ -150,10 +150,9 @@ def _has_clock(labels: Sequence[str]) -> bool:
 def _is_motion(path: Path, labels: tuple[str, ...]) -> bool:
     """Whether labels are those of rates or of an attitude."""
     try:
-        found = motion_columns(path, labels, ReadingOptions(rate=1.0)).vectors
+        return motion_columns(path, labels, ReadingOptions(rate=1.0)).describe_motion
     except InputError:
         return True  # which says what is twice
-    return bool({"rate", "quaternion", "matrix"} & found.keys())
 
 
 def _lines(path: Path) -> list[_Line]:

@@ -113,7 +113,6 @@ def _fields_in_all(rows: Mapping[float, Mapping[str, float]]) -> list[str]:
 def _is_motion(path: Path, rows: Mapping[float, Mapping[str, float]]) -> bool:
     """Whether the fields are those of rates or of an attitude."""
     try:
-        found = motion_columns(path, _fields_in_all(rows), ReadingOptions(rate=1.0)).vectors
+        return motion_columns(path, _fields_in_all(rows), ReadingOptions(rate=1.0)).describe_motion
     except InputError:
         return False
-    return bool({"rate", "quaternion", "matrix"} & found.keys())

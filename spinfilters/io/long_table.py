@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.headings import heading_of, is_clock
+from spinfilters.io.headings import heading_of, is_clock, is_of_motion
 from spinfilters.io.input_file import parse_number, path_text, value_text
 from spinfilters.io.named_columns import ArrayColumns
 from spinfilters.io.table_layout import TableLayout, data_lines
@@ -53,11 +53,11 @@ def long_columns(path: Path, layout: TableLayout) -> ArrayColumns | None:
             )
         own.append(cells[clocks[0]])
         numbers.setdefault(called, array("d")).append(_number(path, layout, line, cells[values[0]]))
-    moving = next((name for name in times if _is_of_motion(name)), None)
+    moving = next((name for name in times if is_of_motion(name)), None)
     if moving is None:
         return None
     alike = [name for name in times if times[name] == times[moving]]
-    apart = next((name for name in times if name not in alike and _is_of_motion(name)), None)
+    apart = next((name for name in times if name not in alike and is_of_motion(name)), None)
     if apart is not None and heading_of(apart) not in map(heading_of, alike):
         raise InputError(
             f"{path_text(path)}: {value_text(apart)} has other times than {value_text(moving)}; give both at each time"
@@ -65,11 +65,6 @@ def long_columns(path: Path, layout: TableLayout) -> ArrayColumns | None:
     clock = "time" if names[clocks[0]] in _CLOCK else layout.names[clocks[0]]
     columns = [np.array(times[moving], dtype=object), *(np.frombuffer(numbers[name]) for name in alike)]
     return ArrayColumns(path, (clock, *alike), tuple(columns))
-
-
-def _is_of_motion(name: str) -> bool:
-    heading = heading_of(name)
-    return heading is not None and heading.quantity in ("rate", "quaternion")
 
 
 def _rows(path: Path, layout: TableLayout) -> Iterator[tuple[int, Sequence[str]]]:

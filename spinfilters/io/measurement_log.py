@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.errors import InputError, RowError, ShapeError
 from spinfilters.core.linear_algebra import is_definite
@@ -91,12 +91,18 @@ class MeasurementStream:
     def slice(self, start: float, end: float) -> "MeasurementStream | None":
         """The rows with start <= time <= end (s), or None when there are none."""
         first, last = np.searchsorted(self.time, start, "left"), np.searchsorted(self.time, end, "right")
-        rows = np.s_[first:last]
-        if last <= first:
-            return None
+        return self.take(np.arange(first, last)) if first < last else None
+
+    def take(
+        self,
+        rows: Int[np.ndarray, " k"] | Bool[np.ndarray, " n"],
+        time: Float[np.ndarray, " k"] | None = None,
+    ) -> "MeasurementStream":
+        """These rows, under their own stamps (s) or others. InputError: as for any stream."""
         ids = None if self.ids is None else self.ids[rows]
         covariance = None if self.covariance is None else self.covariance[rows]
-        return MeasurementStream(self.sensor, self.time[rows], self.values[rows], ids, covariance)
+        time = self.time[rows] if time is None else time
+        return MeasurementStream(self.sensor, time, self.values[rows], ids, covariance)
 
 
 @dataclass(frozen=True, eq=False)

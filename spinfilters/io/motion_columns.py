@@ -11,6 +11,7 @@ from spinfilters.io.axis_groups import with_vectors
 from spinfilters.io.headings import (
     AXES,
     FOREIGN,
+    ROTATIONS,
     TIME_UNITS,
     Heading,
     Quantity,
@@ -32,6 +33,10 @@ KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
     "mrp": {},
 }
 """SI units in the units of each quantity."""
+
+
+MOTIONS: Final = frozenset[Quantity](("rate", *ROTATIONS))
+"""Quantities of which one describes a motion."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,11 @@ class MotionColumns:
     vectors: dict[Quantity, VectorColumns]
     fraction: tuple[int, float] | None = None
 
+    @property
+    def describe_motion(self) -> bool:
+        """Whether they hold rates or an attitude."""
+        return bool(MOTIONS & self.vectors.keys())
+
 
 def motion_columns(
     path: Path,
@@ -87,7 +97,7 @@ def motion_columns(
     understood = understood_names(names)
     found, headings = _vectors(path, names, understood, bare)
     is_gyro = "rate" in found and not found["rate"].is_si
-    if not {"quaternion", "matrix", "mrp"} & found.keys() and not is_gyro:
+    if not ROTATIONS & found.keys() and not is_gyro:
         try:
             own = _of_one_body(path, understood, options.topic)
         except InputError:
@@ -97,13 +107,13 @@ def motion_columns(
         if own is not None:
             understood, options = own, replace(options, topic=None)
             found, headings = _vectors(path, names, understood, bare)
-    if not {"rate", "quaternion", "matrix", "mrp"} & found.keys():
+    if not MOTIONS & found.keys():
         understood = [_of_source(name) for name in understood]
         found, headings = _vectors(path, names, understood, bare)
-    if not {"rate", "quaternion", "matrix", "mrp"} & found.keys():
+    if not MOTIONS & found.keys():
         understood = _with_quaternion(understood)
         found, headings = _vectors(path, names, understood, bare)
-    if not {"rate", "quaternion", "matrix", "mrp"} & found.keys():
+    if not MOTIONS & found.keys():
         understood = with_vectors(path, understood)
         found, headings = _vectors(path, names, understood, bare)
     if options.topic is not None:

@@ -16,8 +16,8 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import (
+    finite_numbers,
     first_text,
-    parse_number,
     path_text,
     printable,
     read_settings_text,
@@ -78,11 +78,8 @@ def oxts_folder(path: Path) -> Path | None:
 def _oxts_rates(file: Path) -> list[float]:
     """The rates of one epoch. InputError: not 30 numbers."""
     cells = read_settings_text(file).split()
-    try:
-        numbers = [float(cell) for cell in cells]
-    except ValueError:
-        numbers = []
-    if len(numbers) != _KITTI_NUMBERS or not np.isfinite(numbers).all():
+    numbers = finite_numbers(cells)
+    if len(numbers) != _KITTI_NUMBERS:
         raise InputError(f"{path_text(file)}: does not hold {_KITTI_NUMBERS} numbers; copy it again")
     return numbers[_KITTI_RATES]
 
@@ -136,16 +133,9 @@ def matrix_files(path: Path) -> dict[int, Path]:
 def _matrix_of(file: Path) -> Float[np.ndarray, "3 4"] | None:
     """[R t] of a text of 12 or 16 numbers, the last four 0 0 0 1; None of another."""
     text = first_text(file, _LARGEST_MATRIX + 1)
-    try:
-        numbers = np.array([parse_number(cell) for cell in text.replace(",", " ").split()])
-    except ValueError:
-        return None
-    is_whole = numbers.size == 12 or (numbers.size == 16 and bool((numbers[12:] == (0, 0, 0, 1)).all()))
-    return (
-        numbers[:12].reshape(3, 4)
-        if is_whole and np.isfinite(numbers).all() and len(text) <= _LARGEST_MATRIX
-        else None
-    )
+    numbers = finite_numbers(text.replace(",", " ").split())
+    is_whole = len(numbers) == 12 or (len(numbers) == 16 and numbers[12:] == [0, 0, 0, 1])
+    return np.array(numbers[:12]).reshape(3, 4) if is_whole and len(text) <= _LARGEST_MATRIX else None
 
 
 def read_matrix_folder(path: Path, options: ReadingOptions) -> Dataset:

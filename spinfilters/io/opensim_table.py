@@ -7,7 +7,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.input_file import MAX_TABLE_BYTES, parse_number, path_text, read_bytes, value_text
+from spinfilters.io.input_file import MAX_TABLE_BYTES, finite_numbers, path_text, read_bytes, value_text
 from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
@@ -45,10 +45,7 @@ def read_opensim_table(path: Path, options: ReadingOptions) -> Dataset:
 def _row(path: Path, line: int, text: str, bodies: int) -> list[float]:
     """Time and quaternions of a row. InputError: another number of them."""
     cells = text.replace(",", " ").split()
-    try:
-        numbers = [parse_number(cell) for cell in cells]
-    except ValueError:
-        numbers = []
+    numbers = finite_numbers(cells)
     if len(numbers) != 1 + 4 * bodies:
         raise InputError(
             f"{path_text(path)}: line {line}: {value_text(text.strip())} is no time with {bodies} quaternions; correct or delete it"

@@ -10,8 +10,8 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
+    finite_numbers,
     first_text,
-    parse_number,
     path_text,
     printable,
     read_bytes,
@@ -64,11 +64,8 @@ def read_pose_graph(path: Path, options: ReadingOptions) -> Dataset:
 
 def _vertex(path: Path, line: int, words: list[str]) -> list[float]:
     """Number, position and quaternion of a vertex. InputError: other cells."""
-    try:
-        numbers = [parse_number(word) for word in words[:8]]
-    except ValueError:
-        numbers = []
-    if len(numbers) < 8 or not np.isfinite(numbers).all():
+    numbers = finite_numbers(words[:8])
+    if len(numbers) < 8:
         raise InputError(
             f"{path_text(path)}: line {line}: {value_text(' '.join(words))} is no number with x y z qx qy qz qw; correct the line"
         )
@@ -118,10 +115,7 @@ def read_colmap_images(path: Path, options: ReadingOptions) -> Dataset:
 def _image(path: Path, number: int, line: str) -> tuple[list[float], str]:
     """Position and quaternion, scalar last, and name of an image. InputError: another line."""
     words = line.split(maxsplit=9)
-    try:
-        numbers = [parse_number(word) for word in words[1:8]]
-    except ValueError:
-        numbers = []
+    numbers = finite_numbers(words[1:8])
     if len(words) < 10 or len(numbers) < 7:
         raise InputError(
             f"{path_text(path)}: line {number}: {value_text(line.strip())} is no image with its pose; export the model again"

@@ -38,11 +38,11 @@ def without_repeated_rows(stream: MeasurementStream) -> tuple[MeasurementStream,
     """The stream without rows that a logger made, and how many they are; no words where it is as it was."""
     repeated = _find_repeated(stream)
     if repeated.any():
-        kept = _rows(stream, ~repeated)
+        kept = stream.take(~repeated)
         return kept, _remark(kept, len(stream), "repeat the row before")
     between = _find_interpolated(stream)
     if between.any():
-        kept = _rows(stream, ~between)
+        kept = stream.take(~between)
         return kept, _remark(kept, len(stream), "lie on the line between their neighbours")
     return stream, ""
 
@@ -111,11 +111,6 @@ def _least_kept(kept: Bool[np.ndarray, "m c"]) -> float:
         if np.count_nonzero(other_changed) >= FEWEST_NEW:
             shares.append(float(np.mean(component[other_changed])))
     return min(shares)
-
-
-def _rows(stream: MeasurementStream, chosen: Bool[np.ndarray, " n"]) -> MeasurementStream:
-    covariance = None if stream.covariance is None else stream.covariance[chosen]
-    return MeasurementStream(stream.sensor, stream.time[chosen], stream.values[chosen], None, covariance)
 
 
 def _remark(stream: MeasurementStream, every: int, how: str) -> str:

@@ -21,7 +21,7 @@ from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.headings import parts_of
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
-    parse_number,
+    is_number,
     path_text,
     reason,
     require_file,
@@ -625,12 +625,7 @@ _COMMA, _POINT = (re.compile(rf"[+-]?\d*{mark}\d+(?:[eE][+-]?\d+)?") for mark in
 def _is_numbers(line: str) -> bool:
     """Whether a line holds numbers and no more."""
     cells = re.sub('[;,|"]', " ", line).split()
-    try:
-        for cell in cells:
-            parse_number(cell)
-    except ValueError:
-        return False
-    return bool(cells)
+    return bool(cells) and all(map(is_number, cells))
 
 
 def _no_header(path: Path, number: int, line: str, cure: str) -> InputError:

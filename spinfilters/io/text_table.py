@@ -22,6 +22,7 @@ from spinfilters.core.errors import InputError, RowError
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.input_file import (
     ignored_warnings,
+    is_number,
     parse_number,
     path_text,
     printable,
@@ -295,14 +296,6 @@ _BEGUN: Final = re.compile(r"[-+]?(?:\d+[.,]?\d*)?(?:[eEdD][-+]?)?")
 """A number that is cut off."""
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        parse_number(cell)
-    except ValueError:
-        return False
-    return True
-
-
 _MOST_BELOW: Final = 50
 """Lines of words below the last row."""
 
@@ -311,7 +304,7 @@ def _are_below_a_table(path: Path, layout: TableLayout, texts: Sequence[str]) ->
     """Whether lines behind the last row are words, or the one line that was being written when the power went."""
     if len(texts) == 1 and _last_lines(path, layout)[-1:] == texts:
         cells = layout.cells(texts[0])
-        if len(cells) < len(layout.names) or (_BEGUN.fullmatch(cells[-1]) and not _is_number(cells[-1])):
+        if len(cells) < len(layout.names) or (_BEGUN.fullmatch(cells[-1]) and not is_number(cells[-1])):
             return True
     are_words = all(text.lstrip(' \t"[(<*')[:1].isalpha() for text in texts)
     return (

@@ -21,6 +21,7 @@ from spinfilters.io.headings import heading_of
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     first_text,
+    is_number,
     parse_number,
     path_text,
     printable,
@@ -116,18 +117,10 @@ def _header(lines: Sequence[str], row: _WordedRow) -> list[str]:
             cell.strip().strip('"')
             for cell in line.split(max(set(marks), key=marks.count) if marks else None)
         ]
-        if len(cells) == 1 + len(row.numbers) and not any(map(_is_number, cells)):
+        if len(cells) == 1 + len(row.numbers) and not any(map(is_number, cells)):
             own = [cell for k, cell in enumerate(cells) if k != row.before]
             return [f"{row.word}_{name}" if name.lower() in ("x", "y", "z") else name for name in own]
     return []
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        parse_number(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _is_content(line: str) -> bool:

@@ -87,6 +87,16 @@ class BodyEstimate:
         """Standard deviations in rad of the rotation about each principal axis."""
         return np.sqrt(np.diagonal(self.principal_axes_cov, axis1=-2, axis2=-1))
 
+    @property
+    def shape(self) -> Float[np.ndarray, "*r 4"]:
+        """Moments that are not 1 by definition, and log ratios."""
+        return np.array([*self.principal_moments[:2], self.k1, self.k2])
+
+    @property
+    def shape_std(self) -> Float[np.ndarray, "*r 4"]:
+        """Standard deviations of `shape`."""
+        return np.array([*self.principal_moments_std[:2], self.k1_std, self.k2_std])
+
     def of_run(self, run: int) -> "BodyEstimate":
         """The body of one run, of those of many."""
         held = {each.name: getattr(self, each.name) for each in fields(self)}

@@ -432,9 +432,9 @@ class MeasurementModel(ABC):
         e, state = ca.SX.sym("e", size), self.layout.unpack(x)
         measured, parameters = moved(self.symbolic(state, p), p, e)
         away = self.innovation(self.symbolic(state, parameters), measured)
-        jacobian = ca.substitute(ca.jacobian(away, e), e, ca.SX.zeros(size))
+        jacobian = error_derivative(away, e)
         function = ca.Function(f"{self.name.replace('-', '_')}_by_error", [x, p], [row_by_row(jacobian)])
-        return Compiled.interpreted(function)
+        return Compiled.late(function)
 
     @built_property
     def reads_attitude(self) -> bool:

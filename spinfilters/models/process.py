@@ -33,7 +33,6 @@ from spinfilters.core.working_time import building, built_property
 from spinfilters.io.disturbances import DENSITIES, DISTURBANCES, noise_columns
 from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.rotation_integrator import (
-    ACCELERATION_TERMS,
     FEWEST_TOGETHER,
     MAX_SUBSTEPS,
     LinearisedLoops,
@@ -42,6 +41,7 @@ from spinfilters.models.rotation_integrator import (
     LinearisedSteps,
     RotationIntegrator,
     StepLoops,
+    acceleration_constants,
     rotation_difference,
     rotation_parameters,
     substep_numbers,
@@ -155,8 +155,7 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     values = layout.unpack(x)
     rates = {name: 0 * value for name, value in values.items()}
     rates["q"] = quaternion_rate(values["q"], values["w"])
-    constants = {term: values.get(block.symbol) for term, block in ACCELERATION_TERMS.items()}
-    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), **constants)
+    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), **acceleration_constants(values))
     if layout.has(ACCELERATION):
         rates["v"] = values["f"]
     if layout.translates:

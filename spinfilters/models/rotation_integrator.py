@@ -1,7 +1,7 @@
 """Integration of the rotation over a step: substeps of attitude and body rate, and the linearised step."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from math import hypot
 from sys import float_info
@@ -72,6 +72,12 @@ Acceleration = Callable[..., Expression]
 that the state has; None for others."""
 ACCELERATION_TERMS: Final = {"drag": DRAG, "torque": TORQUE, "rotor": ROTOR, "linear_drag": LINEAR_DRAG}
 """Optional terms of Euler's equation: the argument of `spinfilters.models.process.body_acceleration` and its state block."""
+
+
+def acceleration_constants(state: Mapping[str, Expression]) -> dict[str, Expression | None]:
+    """Arguments of the `ACCELERATION_TERMS` from a state; None for what it does not hold."""
+    return {term: state.get(block.symbol) for term, block in ACCELERATION_TERMS.items()}
+
 
 SHARED = {"cse": True}
 """Expressions that occur again are evaluated once, to the same bits."""

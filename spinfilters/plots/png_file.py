@@ -38,11 +38,14 @@ def png_bytes(pixels: UInt8[np.ndarray, "h w 4"], dpi: float, texts: Mapping[str
         Content of the file.
     """
     height, width = pixels.shape[:2]
-    is_opaque = bool((pixels[..., 3] == _OPAQUE).all())
-    shown = pixels[..., :3] if is_opaque else pixels
+    is_opaque = bool(pixels[..., 3].min(initial=_OPAQUE) == _OPAQUE)
+    channels = 3 if is_opaque else 4
     # Every row begins with the number of its filter, 0 for none.
-    rows = np.zeros((height, 1 + width * shown.shape[2]), np.uint8)
-    rows[:, 1:] = shown.reshape(height, -1)
+    rows = np.zeros((height, 1 + width * channels), np.uint8)
+    for channel in range(
+        channels
+    ):  # one by one: NumPy copies strided bytes four times as fast as triples of them
+        rows[:, 1 + channel :: channels] = pixels[..., channel]
     head = struct.pack(">IIBBBBB", width, height, _BITS, _RGB if is_opaque else _RGBA, 0, 0, 0)
     per_metre = round(dpi / _INCH)
     return b"".join(

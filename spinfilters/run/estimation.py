@@ -38,7 +38,8 @@ from spinfilters.run.estimators import estimator_entries
 from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.smoother.mass_posterior import leaves_one_direction_open
 from spinfilters.verdict.calibration_errors import CalibrationErrors
-from spinfilters.verdict.doubts import doubts_of, evaluated, with_verdicts
+from spinfilters.verdict.doubts import MotionFindings, doubts_of, evaluated, with_verdicts
+from spinfilters.verdict.filter_diagnostics import motion_diagnostics
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels
 
 CALIBRATION_ERROR_FILTER: Final = "mekf"
@@ -101,11 +102,14 @@ class ComparisonExtent:
         looks at run times, and no copy is made.
     on_estimate : OnEstimate
         Called after every estimator, before the verdicts.
+    motion_findings : MotionFindings
+        What the motion leaves undetermined, the same for every estimator of a setup.
     """
 
     bounding: Bounding = with_bounds
     rehearsing: Rehearsing | None = rehearse
     on_estimate: OnEstimate = not_watched
+    motion_findings: MotionFindings = motion_diagnostics
 
 
 @dataclass(frozen=True)
@@ -189,7 +193,7 @@ def compare_estimators(
     if not interrupted:
         evaluations = _with_sampled_moments(evaluations, setup, settings, entries)
     untested = frozenset(name for name, entry in entries.items() if not entry.tests_noise)
-    doubts = doubts_of(evaluations, setup, settings, baselines, untested)
+    doubts = doubts_of(evaluations, setup, settings, baselines, untested, extent.motion_findings)
     with_verdict = with_posterior_distances(with_verdicts(doubts, settings, entries))
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)

@@ -472,7 +472,7 @@ def _needs_acceleration(setup: Setup) -> bool:
     start = setup.initial
     if setup.sought and not setup.identified:
         return True
-    if start.has_failed or not np.isfinite(start.mean).all():
+    if not start.has_states:
         return True
     if not start.fit < CLEAR_FIT or start.rejected > start.accepted:
         return True

@@ -94,7 +94,7 @@ class Dropout(Fault):
                 raise InputError(
                     f"a dropout from {self.start} s to {self.end} s leaves no {stream.sensor} measurement; shorten it"
                 )
-            left.append(stream_rows(stream, kept))
+            left.append(stream.take(kept))
         return replace(dataset, log=MeasurementLog(tuple(left)))
 
 
@@ -116,8 +116,8 @@ class FrozenEpochs(Fault):
                 f"epochs {self.epoch} to {last} are not all among the {len(epochs)} of the {stream.sensor} measurements"
             )
         shown = [self.epoch if self.epoch <= k <= last else k for k in range(len(epochs))]
-        repeated = stream_rows(
-            stream, np.concatenate([epochs[k] for k in shown]), times.repeat([len(epochs[k]) for k in shown])
+        repeated = stream.take(
+            np.concatenate([epochs[k] for k in shown]), times.repeat([len(epochs[k]) for k in shown])
         )
         return with_stream(dataset, repeated)
 
@@ -174,17 +174,6 @@ def _merge_streams(stream: MeasurementStream, more: MeasurementStream) -> Measur
     values = np.concatenate([stream.values, more.values])[order]
     ids = np.concatenate([_ids(stream), _ids(more)])[order]
     return MeasurementStream(stream.sensor, time[order], values, ids, covariance)
-
-
-def stream_rows(
-    stream: MeasurementStream, rows: Int[np.ndarray, " k"], time: Float[np.ndarray, " k"] | None = None
-) -> MeasurementStream:
-    """These rows, under their own stamps or others."""
-    ids = None if stream.ids is None else stream.ids[rows]
-    covariance = None if stream.covariance is None else stream.covariance[rows]
-    return MeasurementStream(
-        stream.sensor, stream.time[rows] if time is None else time, stream.values[rows], ids, covariance
-    )
 
 
 def epoch_rows(stream: MeasurementStream) -> list[Int[np.ndarray, " k"]]:
@@ -251,7 +240,7 @@ class GrossError(Fault):
             return with_stream(dataset, _exchange_ids(stream, rows, generator))
         values, row = stream.values.copy(), int(generator.choice(rows))
         if self.kind == MISSING:
-            return with_stream(dataset, stream_rows(stream, np.delete(np.arange(len(stream)), row)))
+            return with_stream(dataset, stream.take(np.delete(np.arange(len(stream)), row)))
         values[row] = self._wrong(dataset, stream, row, generator)
         return with_stream(dataset, replace(stream, values=values))
 
@@ -320,7 +309,7 @@ class FewAtFirst(Fault):
         ids = np.unique(stream.ids)
         seen = generator.choice(ids, max(round(self.fraction * len(ids)), 1), replace=False)
         kept = np.flatnonzero((stream.time >= self.end) | np.isin(stream.ids, seen))
-        return with_stream(dataset, stream_rows(stream, kept))
+        return with_stream(dataset, stream.take(kept))
 
 
 def gauss_markov(

@@ -12,7 +12,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.io.truth import Truth
-from spinfilters.models.feature_tracks import Surface, draw_ball
+from spinfilters.models.feature_tracks import Surface, pass_ball
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from spinfilters.simulation.inspector import STATIC
@@ -61,8 +61,9 @@ def simulate_runs(
     period = float(time[-1]) + scenario.interval
     every = _shift_times(time, len(states), period)
     motion = Motion(layout, every, states.reshape(len(every), -1))
+    room = np.empty(4 * scenario.landmarks)
     for generator in measurement_generators:  # as `measured`, which needs the landmarks
-        draw_ball(scenario.landmarks, generator)
+        pass_ball(room, generator)
     surface = Surface(np.zeros((0, 3)), np.zeros((0, 3)))
     joint = cast(np.random.Generator, JointGenerators(measurement_generators))
     streams = []

@@ -142,8 +142,8 @@ def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: i
     keep = known.copy()
     keep[known] = count[landmark[known]] >= needed
     kept = np.flatnonzero(keep)
-    # by landmark, and of one landmark by epoch: the order in which elimination takes them
-    order = kept[np.lexsort((seen.epoch[kept], landmark[kept]))]
+    # by landmark, and of one landmark by epoch, as they are sorted by epoch already: the order in which elimination takes them
+    order = kept[np.argsort(landmark[kept], kind="stable")]
     groups = tuple(_choose_group(group, order, len(keep)) for group in seen.groups)
     return LandmarkObservations(
         seen.epoch[order],

@@ -25,14 +25,13 @@ from spinfilters.smoother.batch_smoother import NO_LANDMARKS, smooth_problem
 from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.smoother.problem import problem_of
 from spinfilters.verdict.model_errors.alternatives import CLOCK_DRIFT, table
-from spinfilters.verdict.model_errors.hypotheses import solved_near
 from spinfilters.verdict.model_errors.linear_rows import Columns, Sensitivity
 from spinfilters.verdict.model_errors.score_tests import ScoreTest
 from spinfilters.verdict.model_errors.smoothed_motion import KnownCamera, SmoothedMotion, displaced_camera
 from spinfilters.verdict.model_tests import (
     MOST_EPOCHS_WITH_MAP,
-    landmarks_placed,
     linear_problem,
+    smoothed_about,
     tested_about,
     tested_epochs,
 )
@@ -239,8 +238,7 @@ class CalibrationErrors:
         self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"] | None = None
     ) -> SmoothedMotion | None:
         """The most probable motion near a trajectory; None where there is none."""
-        problem = linear_problem(self.setup, epochs, ids)
-        solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+        solved = smoothed_about(linear_problem(self.setup, epochs, ids), trajectory)
         return None if solved is None else SmoothedMotion(times_of(epochs), solved)
 
 

@@ -1,6 +1,6 @@
 """Doubts about the estimates of a run, and their verdicts."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -48,6 +48,9 @@ from spinfilters.verdict.refits import (
     with_later_begin,
 )
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
+
+MotionFindings = Callable[[Setup, Settings], Sequence[Finding]]
+"""Findings about what the motion leaves undetermined, as `motion_diagnostics`."""
 
 
 def shared_diagnostics(setup: Setup) -> list[Finding]:
@@ -186,6 +189,7 @@ def doubts_of(
     settings: Settings,
     baselines: Collection[str] = (),
     untested: Collection[str] = (),
+    motion_findings: MotionFindings = motion_diagnostics,
 ) -> Doubts:
     """The doubts of a run, as far as they are the same for several estimators.
 
@@ -200,7 +204,7 @@ def doubts_of(
             reference = reference_smoother([], setup, settings)
         return Doubts(setup, settings, evaluations, shared, own, reference, NOT_TESTED, baselines, untested)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
-    shared = [*shared_diagnostics(setup), *motion_diagnostics(setup, settings)]
+    shared = [*shared_diagnostics(setup), *motion_findings(setup, settings)]
     if settings.verdict == FILTER:
         models = models_of_recording(setup)
         tested, reference = None, finished_history(smoothers)

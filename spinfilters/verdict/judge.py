@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.attitude_conversions import inverse, multiply, rotation_vector_from_quaternion
+from spinfilters.core.attitude_conversions import rotation_between
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.evaluation.estimated_motion import trajectory_of
 from spinfilters.filters.history import EstimateHistory, history_at
@@ -181,7 +181,7 @@ class QuantityDifference:
 def quantity_differences(one: EstimateHistory, other: EstimateHistory) -> dict[str, QuantityDifference]:
     """Differences of two histories of the same epochs and layout, by quantity."""
     a, b = trajectory_of(one), trajectory_of(other)
-    turn = rotation_vector_from_quaternion(multiply(inverse(a.q_ig), b.q_ig))
+    turn = rotation_between(a.q_ig, b.q_ig)
     found = {
         ATTITUDE: QuantityDifference(turn, a.std_attitude, b.std_attitude),
         RATE: QuantityDifference(b.rate_i - a.rate_i, a.std_rate, b.std_rate),
@@ -195,7 +195,7 @@ def quantity_differences(one: EstimateHistory, other: EstimateHistory) -> dict[s
 def _of_body(one: BodyEstimate, other: BodyEstimate) -> dict[str, QuantityDifference]:
     turn = turn_of_axes(one.principal_axes_g, other.principal_axes_g)
     found = {
-        MOMENTS: _constant(_shape(other) - _shape(one), _shape_std(one), _shape_std(other)),
+        MOMENTS: _constant(other.shape - one.shape, one.shape_std, other.shape_std),
         AXES: _constant(turn, one.principal_axes_std, other.principal_axes_std),
     }
     centres = one.center_of_mass_g, one.center_of_mass_std, other.center_of_mass_g, other.center_of_mass_std
@@ -209,15 +209,6 @@ def _constant(
     away: Float[np.ndarray, " c"], std: Float[np.ndarray, " c"], other_std: Float[np.ndarray, " c"]
 ) -> QuantityDifference:
     return QuantityDifference(away[np.newaxis], std[np.newaxis], other_std[np.newaxis])
-
-
-def _shape(body: BodyEstimate) -> Float[np.ndarray, "4"]:
-    """Moments that are not 1 by definition, and log ratios."""
-    return np.array([*body.principal_moments[:2], body.k1, body.k2])
-
-
-def _shape_std(body: BodyEstimate) -> Float[np.ndarray, "4"]:
-    return np.array([*body.principal_moments_std[:2], body.k1_std, body.k2_std])
 
 
 LARGEST_MOVE: Final = 1.0
@@ -238,9 +229,7 @@ def unmoved_quantities(history: EstimateHistory, test: ScoreTest) -> frozenset[s
     shift = test.shift
     if shift is None or not np.isfinite(shift).all() or len(shift) != len(history.time):
         return NOTHING
-    size = float(np.linalg.norm(test.size))
-    std = float(np.sqrt(test.std**2 @ test.size**2)) / max(size, np.finfo(float).tiny)
-    larger = 1.0 + SIZE_STD * std / max(size, np.finfo(float).tiny)
+    larger = 1.0 + SIZE_STD * test.magnitude_std / max(test.magnitude, np.finfo(float).tiny)
     try:
         moved = moved_quantities(history, shift)
     except (InputError, *NUMERICAL_ERRORS):  # a shift that leads to no state

@@ -346,7 +346,7 @@ def _test_models(
     epochs = setup.timeline[: len(trajectory)]
     # the tests need the rows themselves, also of more epochs than a smoother keeps
     problem, time = replace(linear_problem(setup, epochs), rows_together=len(epochs)), times_of(epochs)
-    near = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+    near = smoothed_about(problem, trajectory)
     solved = None if near is None else with_refused_in_a_row(near)
     if solved is None:
         return TestedModels(trouble="the smoothed motion cannot be linearised")
@@ -416,9 +416,18 @@ def stated_levels(setup: Setup) -> frozenset[str]:
 
 def linear_problem(setup: Setup, epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
     """The smoothing problem of some epochs, the first among them, with landmarks of these ids (default all)."""
-    if ids is None:
-        ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
+    ids = landmark_ids(setup, epochs) if ids is None else ids
     return problem_of(setup.process, epochs, ids, setup.initial.prior, OBSERVATIONS_NEEDED)
+
+
+def landmark_ids(setup: Setup, epochs: Timeline) -> Int[np.ndarray, " L"]:
+    """Ids of the unknown landmarks that are observed in some epochs."""
+    return np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
+
+
+def smoothed_about(problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> LinearRows | None:
+    """The problem at the most probable states near a trajectory and `landmarks_placed`; None where it has no solution."""
+    return solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
 
 
 def landmarks_placed(problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "L 3"]:
@@ -439,7 +448,7 @@ def minus_twice_log_evidence(setup: Setup, trajectory: Float[np.ndarray, "k m"])
     try:
         with np.errstate(all="ignore"):
             problem = linear_problem(setup, setup.timeline[: len(trajectory)])
-            solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+            solved = smoothed_about(problem, trajectory)
             return None if solved is None else minus_twice_log_likelihood(solved)
     except NUMERICAL_ERRORS:
         return None
@@ -448,7 +457,7 @@ def minus_twice_log_evidence(setup: Setup, trajectory: Float[np.ndarray, "k m"])
 def cost_of_first_epochs(setup: Setup) -> float:
     """-2 ln marginal likelihood of the initialisation's epochs, with its prior; infinite where they could not be smoothed."""
     start = setup.initial
-    if start.has_failed or not np.isfinite(start.mean).all():
+    if not start.has_states:
         return np.inf
     found = minus_twice_log_evidence(setup, start.mean)
     return np.inf if found is None else found + 2 * float(np.log(start.prior.std).sum())

@@ -16,7 +16,7 @@ from spinfilters.core.attitude_conversions import matrix_from_quaternion, rotati
 from spinfilters.core.camera_trajectory import CameraTrajectory, Displacement, displaced
 from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
+from spinfilters.core.mass_distribution import from_inertia, inertia_matrix, second_moments_of
 from spinfilters.filters.timeline import build_timeline, times_of
 from spinfilters.inference.first_epochs import Initialiser, with_identified_noise
 from spinfilters.inference.identified_noise import Unstated, noise_model
@@ -35,7 +35,7 @@ from spinfilters.models.state_blocks import (
 )
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.settings.run_settings import LINEAR, QUADRATIC, DragLaw, Settings
-from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, seen_ids
+from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
 from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Problem, problem_of
@@ -52,10 +52,11 @@ from spinfilters.verdict.model_errors.score_tests import TELLING, ScoreTest
 from spinfilters.verdict.model_errors.smoothed_motion import (
     KnownCamera,
     SmoothedMotion,
+    centred_time,
     displaced_camera,
     is_steady,
 )
-from spinfilters.verdict.model_tests import landmarks_placed, linear_problem
+from spinfilters.verdict.model_tests import landmark_ids, landmarks_placed, linear_problem
 from spinfilters.verdict.tested_models import LaterBegin, TestedModels
 
 ROUNDS: Final = 3
@@ -209,7 +210,7 @@ def _problem_with_flywheel(setup: Setup, count: int) -> Problem:
     """The smoothing problem of so many epochs with a flywheel's momentum in the state."""
     layout = setup.process.layout.joined(ROTOR)
     epochs = build_timeline(setup.log, layout, setup.noise, camera_view(setup.dataset))[:count]
-    ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
+    ids = landmark_ids(setup, epochs)
     own, prior = setup.process.layout, setup.initial.prior
     std = np.full(layout.error_dim, ROTOR.prior_std)
     for block in own.members:
@@ -238,8 +239,9 @@ def _with_momentum(
     body = _conserving(own, trajectory, np.moveaxis(R, 2, 0))
     if body is None:
         return found
-    second = np.trace(body.inertia) / 2 * np.eye(3) - body.inertia
-    scale = float(np.cbrt(np.linalg.det(second)))  # the state's inertia has second moments of determinant 1
+    scale = float(
+        np.cbrt(np.linalg.det(second_moments_of(body.inertia)))
+    )  # the state's inertia has second moments of determinant 1
     found[:, layout.mean_slice(MASS_DISTRIBUTION.name)] = from_inertia(body.inertia)
     found[:, layout.mean_slice(ROTOR.name)] = body.further / scale
     return found
@@ -287,7 +289,7 @@ def _conserving(
 
 def _is_of_body(inertia: Float[np.ndarray, "3 3"]) -> bool:
     """Whether a body can have this inertia: its second moments are positive."""
-    return bool(np.linalg.eigvalsh(np.trace(inertia) / 2 * np.eye(3) - inertia).min() > 0)
+    return bool(np.linalg.eigvalsh(second_moments_of(inertia)).min() > 0)
 
 
 def _narrow(own: StateLayout, layout: StateLayout, x: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k m"]:
@@ -386,7 +388,7 @@ def _with_hinge(
     none = _HingedMotion(trajectory, np.zeros(len(CHANGES)))
     R = matrix_from_quaternion(trajectory[:, own.mean_slice(ATTITUDE.name)])
     w = trajectory[:, own.mean_slice(RATE.name)]
-    share = 2 * (time - time[0]) / (time[-1] - time[0]) - 1
+    share = centred_time(time)
     body = _conserving(own, trajectory, np.einsum("k,kij,sjl,kl->ski", share, R, SHAPES, w))
     if body is None:
         return none

@@ -455,9 +455,8 @@ def map_phrase(test: ScoreTest) -> str:
 
 def _sized(test: ScoreTest) -> str:
     """An error with its size and its statistic."""
-    error, size = test.error, float(np.linalg.norm(test.size))
-    std = float(np.sqrt(test.std**2 @ test.size**2) / max(size, np.finfo(float).tiny))
-    return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}, chi-square {test.statistic:.0f})"
+    size = f"{test.magnitude:.2g} +- {test.magnitude_std:.1g} {test.error.unit}"
+    return f"{test.error.phrase} ({size}, chi-square {test.statistic:.0f})"
 
 
 def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list[Finding]:

@@ -20,12 +20,11 @@ from spinfilters.core.attitude_conversions import (
     quaternion_from_rotation_vector,
     rotation_vector_from_quaternion,
 )
-from spinfilters.core.cameras import stereo_pair
 from spinfilters.io.camera import StereoRig
 from spinfilters.models.tracks.pose_consensus import Matches
 from spinfilters.models.tracks.track_poses import FittedPose, fit_pose, refine_pose
 from spinfilters.vision.image_folder import LossCount
-from spinfilters.vision.stereo_geometry import near_pairs, pixels_by_point, pixels_of
+from spinfilters.vision.stereo_geometry import near_pairs, pixels_by_point, pixels_of, points_of
 from spinfilters.vision.stereo_matching import EpochObservations, StereoFeatures, clear_pairs
 from spinfilters.vision.track_noise import TrackNoise
 
@@ -340,9 +339,7 @@ class Tracker:
         """The first map, with g at the middle of its points."""
         self.landmarks = LandmarkViews(points.features.descriptors.shape[1])
         if pose is None:
-            middle = np.median(
-                stereo_pair(self._rig.calibration).points_of(points.values, self._rig.calibration), axis=0
-            )
+            middle = np.median(points_of(points.values, self._rig), axis=0)
             pose = np.array([*middle, 0.0, 0.0, 0.0, 1.0])
         return self._add_to_map(epoch, time, points, pose, self.landmarks.add(len(points)))
 
@@ -550,10 +547,7 @@ class Tracker:
     ) -> EpochObservations:
         """Take an epoch's observations into the map."""
         assert self.landmarks is not None
-        R, camera = (
-            matrix_from_quaternion(pose[3:]),
-            stereo_pair(self._rig.calibration).points_of(points.values, self._rig.calibration),
-        )
+        R, camera = matrix_from_quaternion(pose[3:]), points_of(points.values, self._rig)
         noise = self._covariance(points)
         inverse = np.linalg.inv(pixels_by_point(camera, self._rig))
         spread = inverse @ noise @ np.swapaxes(inverse, 1, 2)

@@ -18,7 +18,6 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import bsr_array, csr_array
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
-from spinfilters.core.cameras import stereo_pair
 from spinfilters.core.errors import InputError
 from spinfilters.core.robust_losses import Huber
 from spinfilters.io.camera import StereoRig
@@ -29,6 +28,7 @@ from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
 from spinfilters.vision.association import EPOCHS, Tracker
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.image_folder import LossCount
+from spinfilters.vision.stereo_geometry import points_of
 from spinfilters.vision.stereo_matching import EpochObservations, StereoFeatures, TimedFeatures
 from spinfilters.vision.track_noise import (
     FEWEST,
@@ -434,7 +434,7 @@ def _first_points(
     observations: Observations, poses: Float[np.ndarray, "e 7"], rig: StereoRig
 ) -> Float[np.ndarray, "l 3"]:
     """Mean of the triangulated observations of each landmark, frame g."""
-    camera = stereo_pair(rig.calibration).points_of(observations.values, rig.calibration)
+    camera = points_of(observations.values, rig)
     rotations = matrix_from_quaternion(poses[:, 3:])[observations.epoch]
     points = np.einsum("nji,nj->ni", rotations, camera - poses[observations.epoch, :3])
     counts = np.bincount(observations.landmark)

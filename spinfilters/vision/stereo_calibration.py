@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import matrix_from_rotation_vector, rotation_vector_from_matrix
-from spinfilters.core.cameras import stereo_pair
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import deviations_text
 from spinfilters.io.output_files import write_json, write_text
@@ -29,6 +28,7 @@ from spinfilters.vision.camera_calibration import (
 )
 from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.rectification import RawCamera, RawRig, Rectification, write_raw_rig
+from spinfilters.vision.stereo_geometry import points_of
 
 OUTLIER: Final = 3.0
 """Times the median error of all views, beyond which a view is left out."""
@@ -338,9 +338,7 @@ def measured_board(rig: RawRig, views: list[BoardView], board: Board) -> BoardMe
         left, right = rectification.points(view.left, view.right)
         rows.append((right[:, 1] - left[:, 1])[view.seen])
         values = np.column_stack([left, right[:, 0]])
-        points = stereo_pair(rectification.stereo.calibration).points_of(
-            values, rectification.stereo.calibration
-        )
+        points = points_of(values, rectification.stereo)
         seen = view.seen & np.isfinite(points).all(axis=1)
         squares.append(board.square * _similarity_scale(board.points[seen], points[seen]))
     return BoardMeasurement(np.concatenate(rows), np.array(squares))

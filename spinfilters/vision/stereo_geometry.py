@@ -28,6 +28,11 @@ def pixels_of(at: Float[np.ndarray, "n 3"], rig: StereoRig) -> Float[np.ndarray,
     return np.stack([u, v, u - rig.left.fx * rig.baseline_m / z], axis=1)
 
 
+def points_of(pixels: Float[np.ndarray, "n 3"], rig: StereoRig) -> Float[np.ndarray, "n 3"]:
+    """Triangulated points in the left camera's frame, m, of stereo measurements, px."""
+    return stereo_pair(rig.calibration).points_of(pixels, rig.calibration)
+
+
 def pixels_by_point(at: Float[np.ndarray, "n 3"], rig: StereoRig) -> Float[np.ndarray, "n 3 3"]:
     """Jacobian of the pixels by the point, px/m."""
     x, y, z = at.T
@@ -84,10 +89,7 @@ def rig_accuracy(rig: StereoRig, distance: float, pixel_std: float) -> RigAccura
     """Accuracy at a distance, m, with so much noise of each pixel coordinate."""
     point = np.array([[rig.baseline_m / 2, 0.0, distance]])
     pixels = pixels_of(point, rig)
-    moved = [
-        stereo_pair(rig.calibration).points_of(pixels + step, rig.calibration)[0] - point[0]
-        for step in ([1.0, 0, 0], [0, 1.0, 0])
-    ]
+    moved = [points_of(pixels + step, rig)[0] - point[0] for step in ([1.0, 0, 0], [0, 1.0, 0])]
     inverse = np.linalg.inv(pixels_by_point(point, rig)[0])
     std = pixel_std * np.sqrt(np.diag(inverse @ inverse.T))
     half_angle = np.arctan(rig.left.width / 2 / rig.left.fx)

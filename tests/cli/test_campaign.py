@@ -9,7 +9,7 @@ import pytest
 import tomli_w
 
 import spinfilters
-from spinfilters.campaigns.local_processes import LocalProcesses
+from spinfilters.campaigns.dask_cluster import DaskCluster
 from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
 from tests.campaigns.study_samples import gyro_document
@@ -18,8 +18,8 @@ from tests.campaigns.test_engine import InProcess
 
 @pytest.fixture(autouse=True)
 def no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make runs here: how processes make them has tests of its own."""
-    monkeypatch.setattr(LocalProcesses, "rows", lambda _, study, chunks: InProcess().rows(study, chunks))
+    """Make runs here: how Dask makes them has tests of its own."""
+    monkeypatch.setattr(DaskCluster, "rows", lambda _, study, chunks: InProcess().rows(study, chunks))
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_a_campaign_without_any_result_is_no_success(
 ) -> None:
     refused = {"outcome": "failed", "reason": "the recording is too short"}
     monkeypatch.setattr(
-        LocalProcesses,
+        DaskCluster,
         "rows",
         lambda _, study, chunks: ({**row, **refused} for row in InProcess().rows(study, chunks)),
     )
@@ -121,12 +121,9 @@ def test_rows_are_kept_when_the_command_is_told_twice(
     assert len(list((out / "rows").iterdir())) == 1
 
 
-@pytest.mark.parametrize(
-    ("package", "options"), [("distributed", ["--scheduler", "tcp://127.0.0.1:1"]), ("pyarrow", [])]
-)
+@pytest.mark.parametrize("package", ["distributed", "pyarrow"])
 def test_a_package_that_is_not_installed_is_named_with_its_extra(
     package: str,
-    options: list[str],
     study: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -134,7 +131,7 @@ def test_a_package_that_is_not_installed_is_named_with_its_extra(
 ) -> None:
     found = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == package else found(name))
-    assert main(["campaign", str(study), "-o", str(tmp_path / "out"), *options]) == 2
+    assert main(["campaign", str(study), "-o", str(tmp_path / "out")]) == 2
     complaint = capsys.readouterr().err
     assert complaint == (
         f"spinfilters: campaigns need {package}, which is not installed; install 'spinfilters[campaign]'\n"

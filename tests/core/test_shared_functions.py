@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from spinfilters.core.compiled import Compiled
+from spinfilters.core.large_arrays import LARGE, pooled_array
 from spinfilters.core.working_time import building, built_property
-from spinfilters.smoother.elimination import LARGE, pooled_array
 
 THREADS, CALLS = 4, 200
 

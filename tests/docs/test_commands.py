@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from spinfilters.campaigns import filter_comparison
-from spinfilters.campaigns.local_processes import LocalProcesses
+from spinfilters.campaigns.dask_cluster import DaskCluster
 from spinfilters.campaigns.study import Study, study_from
 from spinfilters.cli.main import main, parser
 from spinfilters.io.dataset_folder import write_dataset
@@ -160,7 +160,7 @@ def small_studies(monkeypatch: pytest.MonkeyPatch) -> None:
         return study_from(document, name)
 
     monkeypatch.setattr(filter_comparison, "ready_study", short)
-    monkeypatch.setattr(LocalProcesses, "rows", lambda _, study, chunks: InProcess().rows(study, chunks))
+    monkeypatch.setattr(DaskCluster, "rows", lambda _, study, chunks: InProcess().rows(study, chunks))
 
 
 @pytest.fixture

@@ -7,7 +7,15 @@ from jaxtyping import Float
 
 from spinfilters.evaluation.consistency import chi_square_band, true_states
 from spinfilters.filters.ekf import MultiplicativeEkf
-from spinfilters.filters.flow_curvature import LEFT, SOFT, TURN, FlowCurvature, bends_over, widened_runs
+from spinfilters.filters.flow_curvature import (
+    LEFT,
+    SOFT,
+    TURN,
+    FlowCurvature,
+    bends_over,
+    pass_stretches,
+    widened_runs,
+)
 from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, run
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
@@ -150,3 +158,20 @@ def test_runs_together_are_widened_as_each_by_itself() -> None:
         wider = own.widened(UNDISTURBED, mean[k], factor[k], float(dt[k]))
         np.testing.assert_array_equal(found.get(k, factor[k]), wider)
         np.testing.assert_array_equal(own.snapshot()[LEFT], together[k].snapshot()[LEFT])
+
+
+def test_stretches_of_many_runs_are_those_of_each() -> None:
+    dt, generator = np.random.default_rng(0).uniform(0.5, 1.5, 40), np.random.default_rng(1)
+    together, alone = ([FlowCurvature(TURN) for _ in range(8)] for _ in range(2))
+    epoch = np.array([0, 0, 3, 10, 38, 39, 20, 5])
+    for one, other, length in zip(together, alone, generator.uniform(0.0, 12.0, 7), strict=False):
+        one.begin_stretch(length, is_negligible=False)
+        other.begin_stretch(length, is_negligible=False)
+    together[7].end()
+    alone[7].end()
+    ends = pass_stretches(together, dt, epoch)
+    for k, (first, each) in enumerate(zip(epoch, alone, strict=True)):
+        steps = each.steps_in_stretch(dt[first:])
+        each.pass_steps(dt[first : first + steps])
+        assert ends[k] == first + steps
+        assert together[k].snapshot()[LEFT].tolist() == each.snapshot()[LEFT].tolist()

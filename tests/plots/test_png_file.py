@@ -4,12 +4,13 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
 from spinfilters.plots.png_file import png_bytes
-from spinfilters.plots.style import picture_bytes
+from spinfilters.plots.style import LETTERS, picture_bytes
 
 
 @pytest.mark.parametrize(("alpha", "mode"), [(255, "RGB"), (254, "RGBA")])
@@ -33,5 +34,6 @@ def test_a_figure_looks_as_matplotlib_saves_it() -> None:
     read = Image.open(BytesIO(picture_bytes(figure(), "png", dpi=80)))
     other, theirs = figure(), BytesIO()
     other.dpi = 80
-    FigureCanvasAgg(other).print_png(theirs)
+    with rc_context(LETTERS):
+        FigureCanvasAgg(other).print_png(theirs)
     assert np.array_equal(np.asarray(read.convert("RGBA")), np.asarray(Image.open(theirs).convert("RGBA")))

@@ -29,7 +29,7 @@ from spinfilters.io.sensor_format import NoiseOption, SensorFormat, SensorNoise
 from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import body_acceleration
-from spinfilters.models.rotation_integrator import ACCELERATION_TERMS
+from spinfilters.models.rotation_integrator import ACCELERATION_TERMS, acceleration_constants
 from spinfilters.models.sensor import (
     AnalysedSensor,
     BoundStream,
@@ -166,7 +166,7 @@ def _beam(angles: Expression) -> Expression:
 def _attitude_after(state: dict[str, Expression], delay: Expression) -> Expression:
     """q_ig after ``delay`` s, which may be negative, by Runge-Kutta 4 of attitude and rate."""
     J, h = inertia(state["s"]), delay / STEPS
-    constants = {term: state.get(block.symbol) for term, block in ACCELERATION_TERMS.items()}
+    constants = acceleration_constants(state)
 
     def rates(x: Expression) -> Expression:
         """Time derivatives of attitude and rate."""

@@ -23,6 +23,7 @@ from spinfilters.verdict.model_errors.smoothed_motion import (
     MeasuredRows,
     Shift,
     SmoothedMotion,
+    centred_time,
     displaced_camera,
 )
 
@@ -464,7 +465,7 @@ def smooth_paths(degree: int) -> Displacement:
         time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]
     ) -> Float[np.ndarray, "k 6 m"]:
         """Attitudes of all degrees, then places of those that are no velocity."""
-        values = legvander(2 * (time - time[0]) / (time[-1] - time[0]) - 1, degree)
+        values = legvander(centred_time(time), degree)
         values = values - values[0]
         turns, places = np.eye(6)[:, 3:], np.eye(6)[:, :3]
         return np.concatenate(

@@ -5,7 +5,7 @@ a second: more than all that a comparison needs it for.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import copysign, isnan
 from typing import Final
 
@@ -320,7 +320,13 @@ class ColumnProducts:
         return cls(
             tuple(places[k] for k in range(len(given))),
             np.concatenate([each.squares for each in solved.right]),
-            np.concatenate([each.gram(_residuals_alike(rows.left, each))[:, 0] for each in solved.right]),
+            # residuals in the rows that the right-hand sides have
+            np.concatenate(
+                [
+                    each.gram(rows.left if each.is_measured else rows.left.of_motion)[:, 0]
+                    for each in solved.right
+                ]
+            ),
             solved.information,
             noise.squares(rows.left),
             shared,
@@ -349,6 +355,7 @@ class _SolvedRows:
     right: tuple[Columns, ...]
     states: Float[np.ndarray, "k n m"]
     beside: Columns
+    _whole: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, rows: LinearRows, groups: Sequence[Columns]) -> "_SolvedRows":
@@ -360,7 +367,7 @@ class _SolvedRows:
     def information(self) -> Float[np.ndarray, "m m"]:
         """Products over all rows."""
         found = self.beside.gram(self.beside)
-        return found + sum(self._of_sensor(k)[1] for k in range(len(self.rows.by_epoch)))
+        return found + sum(self._of_whole_sensor(k)[1] for k in range(len(self.rows.by_epoch)))
 
     def by_component(
         self, noise: NoiseComponents
@@ -370,18 +377,29 @@ class _SolvedRows:
         own = noise.products(self.beside, self.beside)
         for k, each in enumerate(noise.components):
             for number, rows in each.sensors.items():
-                with_left, with_own = self._of_sensor(number, rows)
+                every = rows == tuple(range(self.rows.left.sensors[number].shape[1]))
+                with_left, with_own = (
+                    self._of_whole_sensor(number) if every else self._of_sensor(number, rows)
+                )
                 shared[k] += with_left
                 own[k] += with_own
         return shared, own
 
+    def _of_whole_sensor(self, number: int) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
+        """Products over all rows of every measurement of a sensor, computed once."""
+        if number not in self._whole:
+            self._whole[number] = self._of_sensor(
+                number, tuple(range(self.rows.left.sensors[number].shape[1]))
+            )
+        return self._whole[number]
+
     def _of_sensor(
-        self, number: int, chosen: tuple[int, ...] | None = None
+        self, number: int, chosen: tuple[int, ...]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
-        """Products over the chosen rows of every measurement of a sensor, or all."""
+        """Products over the chosen rows of every measurement of a sensor."""
         rows, left = self.rows.by_epoch[number], self.rows.left.sensors[number]
         measured = next((each.sensors[number] for each in self.right if each.sensors), None)
-        if chosen is not None and chosen != tuple(range(left.shape[1])):
+        if chosen != tuple(range(left.shape[1])):
             rows = EpochRows(rows.rows[:, list(chosen)], rows.epoch)
             left = left[:, list(chosen)]
             measured = None if measured is None else measured[:, list(chosen)]
@@ -398,11 +416,6 @@ class _SolvedRows:
             own[:m, :m] += flat(measured).T @ flat(measured)
             shared[:m] += flat(measured).T @ flat(left)[:, 0]
         return shared, own
-
-
-def _residuals_alike(left: Columns, right: Columns) -> Columns:
-    """Residuals in the rows that right-hand sides have."""
-    return left if right.is_measured else left.of_motion
 
 
 def information_by_epoch(

@@ -98,6 +98,16 @@ class ScoreTest:
     beside_map: float = np.inf
     is_possible: bool = True
 
+    @property
+    def magnitude(self) -> float:
+        """Length of the size."""
+        return float(np.linalg.norm(self.size))
+
+    @property
+    def magnitude_std(self) -> float:
+        """Its standard deviation."""
+        return float(np.sqrt(self.std**2 @ self.size**2)) / max(self.magnitude, np.finfo(float).tiny)
+
     def likeness(self, other: "ScoreTest") -> float:
         """Correlation of what two errors explain; 0 where it is not known."""
         a, b = self.explained, other.explained

@@ -81,6 +81,11 @@ Shift = Callable[[MeasuredRows], Float[np.ndarray, "r i m"] | None]
 """Change of the innovations of measurements per unit of m errors; None of those that the error is not of."""
 
 
+def centred_time(time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Times scaled so that they go from -1 to 1."""
+    return 2 * (time - time[0]) / (time[-1] - time[0]) - 1
+
+
 class _WhitenedShift(NamedTuple):
     """Measurements, and the change of their whitened innovations per unit of m errors."""
 
@@ -215,12 +220,18 @@ class SmoothedMotion:
 
         For the solution the same as the kick itself: M J = 0.
         """
-        ordering, rows = self.rows.problem.ordering, self.rows.here.dynamics.rows
+        ordering, transitions = self.rows.problem.ordering, self._transitions
         d, states = len(ordering.moving), np.zeros((len(self.time), len(ordering.order), kick.shape[1]))
         states[step + 1, :d] = kick[ordering.moving]
         for k in range(step + 1, len(self.time) - 1):
-            states[k + 1, :d] = -np.linalg.solve(rows[k, :, d : 2 * d], rows[k, :, :d] @ states[k, :d])
+            states[k + 1, :d] = transitions[k] @ states[k, :d]
         return self.rows.seen(states)
+
+    @cached_property
+    def _transitions(self) -> Float[np.ndarray, "j d d"]:
+        """Of the errors of moving components over every step."""
+        rows, d = self.rows.here.dynamics.rows, len(self.rows.problem.ordering.moving)
+        return -np.linalg.solve(rows[:, :, d : 2 * d], rows[:, :, :d])
 
     def shifted(self, shift: Shift) -> Columns | None:
         """Right-hand sides of errors of measurements; None where no measurement has them."""
@@ -300,8 +311,7 @@ class SmoothedMotion:
 
     def _slow(self, degree: int) -> Float[np.ndarray, "k 3 s"]:
         """Polynomials of time up to a degree, for every axis."""
-        t = 2 * (self.time - self.time[0]) / (self.time[-1] - self.time[0]) - 1
-        return np.kron(legvander(t, degree)[:, None], np.eye(3))
+        return np.kron(legvander(centred_time(self.time), degree)[:, None], np.eye(3))
 
     @cached_property
     def measured(self) -> tuple[MeasuredRows, ...]:

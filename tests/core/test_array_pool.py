@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from spinfilters.smoother import elimination as buffer_pool
-from spinfilters.smoother.elimination import ALIGNMENT, LARGE, pooled_array, pooled_zeros
+from spinfilters.core import large_arrays as buffer_pool
+from spinfilters.core.large_arrays import ALIGNMENT, LARGE, pooled_array, pooled_zeros
 
 BIG = (200, LARGE // 200 + 1)
 
