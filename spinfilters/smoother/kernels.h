@@ -1,4 +1,4 @@
-/* What the loops of `landmarks.c` and `velocities.c` share. `elimination.py`, `motion_factors.py` and `linear_system.py` say
+/* What the loops of `landmarks.c`, `velocities.c` and `roots.c` share. `elimination.py`, `motion_factors.py` and `linear_system.py` say
  * what the loops compute, and do the same in NumPy for machines without a compiler. Matrices are row by row. LANES, how many
  * numbers a vector of this machine holds, is defined in front of this text. */
 #include <math.h>

@@ -1,4 +1,4 @@
-"""Loops of the smoother in C, `landmarks.c` and `velocities.c`, or none without a compiler. NumPy does the same then."""
+"""Loops of the smoother in C, `landmarks.c`, `velocities.c` and `roots.c`, or none without a compiler. NumPy does the same then."""
 
 import ctypes
 from collections.abc import Callable
@@ -10,7 +10,7 @@ import numpy as np
 
 from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
 
-SOURCES = ("kernels.h", "landmarks.c", "velocities.c")
+SOURCES = ("kernels.h", "landmarks.c", "velocities.c", "roots.c")
 _SIGNATURES = {
     "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppp", ctypes.c_int),
     "follow_poses": Signature("i" + "pppppppp", None),
@@ -20,6 +20,7 @@ _SIGNATURES = {
     "reduce_velocities": Signature("iiiiii" + "ppp", None),
     "solve_velocities": Signature("ii" + "ppp", None),
     "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
+    "root_of_rows": Signature("ii" + "p", ctypes.c_longlong),
 }
 """Arguments of each loop (integers, numbers, addresses of contiguous arrays) and what it returns."""
 

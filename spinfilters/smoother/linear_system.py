@@ -147,11 +147,10 @@ def solve_schur_system(
     if tridiagonal.failed >= 0:
         return SchurSolution(None, tridiagonal.failed * v)
     tridiagonal.reduce(M)
-    # Cholesky of poses and constants; M is row by row, so that its lower triangle is LAPACK's upper one of M'.
+    # Cholesky of poses and constants, and forward substitution of the right-hand side.
     gradient = M[-1].copy()
-    upper, failed = dpotrf(M[:-1].T, lower=0, overwrite_a=1, clean=0) if separator_dim else (M[:-1].T, 0)
-    # Forward substitution; |half|^2 and the velocities' |X[:, :, -1]|^2 are the predicted fall of the cost.
-    half = dtrtrs(upper, gradient, lower=0, trans=1)[0] if separator_dim and not failed else gradient
+    upper, half, failed = _root(M)
+    # |half|^2 and the velocities' |X[:, :, -1]|^2 are the predicted fall of the cost.
     if failed or not np.isfinite(half).all():
         return SchurSolution(None, ordering.epochs * v + max(failed - 1, 0))
     step = dtrtrs(upper, half, lower=0)[0] if separator_dim else half
@@ -160,6 +159,23 @@ def solve_schur_system(
     return SchurSolution(
         SchurSystem(ordering, upper.T, tridiagonal, step, back, gradient, predicted_reduction)
     )
+
+
+def _root(M: Float[np.ndarray, "w r"]) -> tuple[np.ndarray, np.ndarray, int]:
+    """Upper root U of U'U, column by column in memory, U'^-1 of the last row, and 0 or the number of a row that has none, from 1.
+
+    M is overwritten; row by row, its lower triangle is LAPACK's upper one of M'.
+    """
+    if not M.shape[1]:
+        return M[:-1].T, M[-1], 0
+    library = kernels()
+    if library is not None:
+        failed = int(library.root_of_rows(*M.shape, address(M)))
+        if failed < 0:
+            raise MemoryError("no memory to factor what remains")
+        return M[:-1].T, M[-1], failed
+    upper, failed = dpotrf(M[:-1].T, lower=0, overwrite_a=1, clean=0)
+    return upper, M[-1] if failed else dtrtrs(upper, M[-1], lower=0, trans=1)[0], failed
 
 
 def assembled(

@@ -260,3 +260,22 @@ def test_a_row_without_weight_says_nothing_even_where_it_is_not_a_number(
     np.testing.assert_array_equal(found.is_constrained, expected.is_constrained)
     np.testing.assert_array_equal(found.pose_gradient, expected.pose_gradient)
     np.testing.assert_array_equal(found.information, expected.information)
+
+
+@pytest.mark.parametrize("size", [1, 7, 8, 9, 17, 63, 64, 65, 81, 150])
+def test_the_root_in_c_is_that_of_lapack(size: int) -> None:
+    """Sizes about those of tiles and blocks; the last row is substituted forwards, and a bad pivot is told by its number."""
+    library = kernels()
+    if library is None:
+        pytest.skip("no C compiler on this machine")
+    generator = np.random.default_rng(size)
+    rows, right = generator.standard_normal((size + 3, size)), generator.standard_normal(size)
+    matrix = np.concatenate([np.tril(rows.T @ rows), right[None]])
+    bad, number = matrix.copy(), size // 2
+    assert library.root_of_rows(size + 1, size, matrix.ctypes.data) == 0
+    root = np.linalg.cholesky(rows.T @ rows)
+    np.testing.assert_allclose(np.tril(matrix[:-1]), root, rtol=0, atol=1e-13 * np.abs(root).max())
+    np.testing.assert_allclose(root @ matrix[-1], right, rtol=0, atol=1e-11 * np.abs(right).max())
+    for pivot in (-1.0, np.nan, np.inf):
+        bad[number, number] = pivot
+        assert library.root_of_rows(size + 1, size, bad.copy().ctypes.data) == number + 1
