@@ -234,6 +234,12 @@ class PrimeField(Arithmetic):
         self.turn_base = pow(base, cofactor * (base % 1009 + 1013), prime)
         self._imaginary = np.array(_fourth_root(prime), dtype=np.uint64)
 
+    def draw(
+        self, names: Iterable[str], count: int, random: np.random.Generator
+    ) -> dict[str, Num[np.ndarray, " b"]]:
+        """Random residues other than 0 by name."""
+        return {name: random.integers(1, self.prime, count, dtype=np.uint64) for name in names}
+
     @property
     def field(self) -> "PrimeField":
         """Itself."""

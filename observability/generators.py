@@ -39,7 +39,13 @@ from observability.monomials import (
 )
 from observability.null_fields import NullFields, is_rational
 from observability.power_series import Series
-from observability.rational_generators import Modulo, coprime_integers, fractions_that_hold, rational_fields
+from observability.rational_generators import (
+    Modulo,
+    coprime_coefficients,
+    fractions_that_hold,
+    rational_fields,
+    sparsest_first,
+)
 from observability.residue_matrices import Echelon, reduce_columns
 
 SPARE = 6
@@ -99,6 +105,10 @@ class Generator:
             if term.moved == name
         }
         return polynomial_value(own, values, field)
+
+    def vectors(self, names: Sequence[str], values: Values, field: PrimeField) -> Num[np.ndarray, "b n"]:
+        """Its components of these unknowns at points."""
+        return np.stack([self.component(name, values, field) for name in names], axis=1)
 
     def __str__(self) -> str:
         """Finite moves by an amount ε where they are simple: x -> e^ε x."""
@@ -244,7 +254,7 @@ def _independent(
     rows, kept = Echelon(len(counted), field), []
     for each in found:
         before = rows.rank
-        rows.add(np.stack([each.component(name, values, field) for name in counted], axis=1))
+        rows.add(each.vectors(counted, values, field))
         if rows.rank > before:
             kept.append(each)
     return kept
@@ -469,7 +479,7 @@ class _Search:
         further = (
             Modulo(each.field.prime, self._kernel(terms, each, count)) for each in self._other_points()
         )
-        for k in sorted(range(len(first)), key=lambda k: np.count_nonzero(first[k])):
+        for k in sparsest_first(first):
             if not self.missing:
                 return
             values = fractions_that_hold(
@@ -547,6 +557,4 @@ def as_generator(
 
 def _generator(terms: Sequence[Term], values: Sequence[Fraction]) -> Generator:
     """Terms with coprime integers as coefficients, without those of 0."""
-    kept = [(term, value) for term, value in zip(terms, values, strict=True) if value]
-    whole = coprime_integers([value for _, value in kept])
-    return Generator({term: value for (term, _), value in zip(kept, whole, strict=True)})
+    return Generator(coprime_coefficients(terms, values))

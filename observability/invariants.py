@@ -30,7 +30,13 @@ from observability.monomials import (
     sum_in_words,
 )
 from observability.null_fields import is_rational, point_at
-from observability.rational_generators import Modulo, coprime_integers, fractions_that_hold
+from observability.rational_generators import (
+    Modulo,
+    coprime_coefficients,
+    coprime_integers,
+    fractions_that_hold,
+    sparsest_first,
+)
 from observability.residue_matrices import Echelon
 from observability.written_formulas import written
 
@@ -194,18 +200,13 @@ class _InvariantSearch:
         return InvariantSet(tuple(found), len(found) == wanted)
 
     def _draw(self, count: int, field: PrimeField) -> dict[str, Num[np.ndarray, " b"]]:
-        return {
-            name: self._random.integers(1, field.prime, count, dtype=np.uint64)
-            for name in [*self._moved_names, *self._others]
-        }
+        return field.draw([*self._moved_names, *self._others], count, self._random)
 
     def _rank(self, values: Values) -> int:
         """Of the generators at a point."""
         rows = Echelon(len(self._moved_names), self._field)
         for each in self._generators:
-            rows.add(
-                np.stack([each.component(name, values, self._field) for name in self._moved_names], axis=1)
-            )
+            rows.add(each.vectors(self._moved_names, values, self._field))
         return rows.rank
 
     def _is_confirmed(self, invariant: Invariant) -> bool:
@@ -272,12 +273,10 @@ class _InvariantSearch:
                 yield Modulo(field.prime, [int(value) for value in kernels[index][k]])
 
         found = []
-        for k in sorted(range(len(first)), key=lambda k: np.count_nonzero(first[k])):
+        for k in sparsest_first(first):
             values = fractions_that_hold(vectors(k), holds)
             if values is not None:
-                kept = [(term, value) for term, value in zip(monomials, values, strict=True) if value]
-                whole = coprime_integers([value for _, value in kept])
-                found.append({term: value for (term, _), value in zip(kept, whole, strict=True)})
+                found.append(coprime_coefficients(monomials, values))
         return found
 
     def _conditions(self, monomials: list[Monomial], field: PrimeField) -> Echelon:
@@ -499,7 +498,7 @@ def _same_outputs(old: ReachedModel, new: ReachedModel, scaled: Frame, shifted: 
         return True
     field, random = PrimeField(), np.random.default_rng(8)
     names = {*old.model.states, *old.model.parameters, *old.model.known_constants, *old.model.inputs}
-    values = {name: random.integers(1, field.prime, POINTS, dtype=np.uint64) for name in sorted(names)}
+    values = field.draw(sorted(names), POINTS, random)
     image = dict(values)
     for fixed, row in scaled.items():
         inverse = field.inverse(values[fixed])

@@ -52,9 +52,7 @@ class NullFields:
 
     def draw(self, count: int) -> dict[str, Num[np.ndarray, " b"]]:
         """Random points."""
-        return {
-            name: self.random.integers(1, self.field.prime, count, dtype=np.uint64) for name in self.names
-        }
+        return self.field.draw(self.names, count, self.random)
 
     def at(self, values: Values) -> Num[np.ndarray, "b d n"]:
         """Bases of the null spaces, a row each; 0 where the point is singular or special.

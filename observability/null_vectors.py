@@ -197,8 +197,7 @@ def symbolic_null_vectors(
         def holds(generator: Generator) -> bool:
             rows = Echelon(basis.shape[1], checked)
             rows.add(basis)
-            own = [generator.component(name, values, checked) for name in part.unknowns]
-            rows.add(np.stack(own, axis=1))
+            rows.add(generator.vectors(part.unknowns, values, checked))
             return rows.rank == directions
 
         found = [

@@ -155,7 +155,7 @@ def discrete_symmetries(part: ReachedModel, family: SolutionFamily) -> DiscreteS
     if not names or not is_rational(part):
         return DiscreteSearch((), complete=False)
     field, random = PrimeField(), np.random.default_rng(12)
-    values = {name: random.integers(1, field.prime, POINTS, dtype=np.uint64) for name in part.model.symbols}
+    values = field.draw(part.model.symbols, POINTS, random)
     identity = np.arange(len(names))
     # A scaling by -1 stays in the family, whether its invariants are known or not.
     within = [_signed_permutation(identity, each) for each in _signs_of_scalings(family.generators, names)]

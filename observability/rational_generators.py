@@ -466,6 +466,18 @@ def fractions_that_hold(
     return None
 
 
+def coprime_coefficients(terms: Sequence[T], values: Sequence[Fraction]) -> dict[T, Fraction]:
+    """Coprime integers in the proportion of some values by term, without those of 0."""
+    kept = [(term, value) for term, value in zip(terms, values, strict=True) if value]
+    whole = coprime_integers([value for _, value in kept])
+    return {term: value for (term, _), value in zip(kept, whole, strict=True)}
+
+
+def sparsest_first(vectors: Num[np.ndarray, "k t"]) -> list[int]:
+    """Rows in the order of how many numbers they have that are not 0."""
+    return sorted(range(len(vectors)), key=lambda k: np.count_nonzero(vectors[k]))
+
+
 def coprime_integers(values: Sequence[Fraction]) -> list[Fraction]:
     """A vector scaled to coprime integers, the first of them positive."""
     scale = lcm(*[value.denominator for value in values])

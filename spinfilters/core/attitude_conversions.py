@@ -39,7 +39,7 @@ def matrix_from_quaternion(q: Quaternions) -> Matrices:
 
 def quaternion_from_matrix(R: Matrices) -> Quaternions:
     """q_ab of R_ab with a non-negative scalar part, accurate at every angle, 180 degrees included."""
-    R = _finite("R", R, 3, 3)
+    R = finite_array("R", R, 3, 3)
     off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-2, -1))
     _require(off <= UNIT_TOLERANCE, "R", R, "is not orthonormal")
     _require(np.linalg.det(R) > 0, "R", R, "is a reflection, not a rotation")
@@ -48,7 +48,7 @@ def quaternion_from_matrix(R: Matrices) -> Quaternions:
 
 def quaternion_from_mrp(a: Vectors) -> Quaternions:
     """Quaternion of a 4 x MRP a = 4 tan(angle/4) n (Tweddle 2013, Eq. 2.35)."""
-    return _numeric(expressions.quaternion_from_mrp, 3)(_finite("a", a, 3))[0]
+    return _numeric(expressions.quaternion_from_mrp, 3)(finite_array("a", a, 3))[0]
 
 
 def mrp_from_quaternion(q: Quaternions) -> Vectors:
@@ -58,7 +58,7 @@ def mrp_from_quaternion(q: Quaternions) -> Vectors:
 
 def quaternion_from_rotation_vector(r: Vectors) -> Quaternions:
     """Quaternion of the rotation by |r| rad about r, of any length."""
-    return _numeric(expressions.quaternion_from_rotation_vector, 3)(_finite("r", r, 3))[0]
+    return _numeric(expressions.quaternion_from_rotation_vector, 3)(finite_array("r", r, 3))[0]
 
 
 def rotation_vector_from_quaternion(q: Quaternions) -> Vectors:
@@ -100,7 +100,7 @@ def quaternion_from_euler321(angles: Vectors) -> Quaternions:
 
     R_ib maps body to inertial. It is the transpose of Tweddle 2013, Eq. 2.14, which is printed inertial to body.
     """
-    return _numeric(expressions.quaternion_from_euler321, 3)(_finite("angles", angles, 3))[0]
+    return _numeric(expressions.quaternion_from_euler321, 3)(finite_array("angles", angles, 3))[0]
 
 
 def euler321_from_quaternion(q: Quaternions) -> Vectors:
@@ -110,7 +110,7 @@ def euler321_from_quaternion(q: Quaternions) -> Vectors:
 
 def quaternion_from_axis_angle(axis: Vectors, angle: Angles | float) -> Quaternions:
     """Quaternion of the rotation by ``angle`` rad about the unit vector ``axis`` (Tweddle 2013, Eq. 2.17)."""
-    angle = _finite("angle", angle)[..., np.newaxis]
+    angle = finite_array("angle", angle)[..., np.newaxis]
     return _numeric(expressions.quaternion_from_axis_angle, 3, 1)(_unit("axis", axis, 3), angle)[0]
 
 
@@ -147,7 +147,7 @@ def inverse(q: Quaternions) -> Quaternions:
 
 def rotate(q: Quaternions, v: Vectors) -> Vectors:
     """v_a = R(q_ab) v_b, in the unit of v."""
-    return _numeric(expressions.rotate, 4, 3)(_unit("q", q), _finite("v", v, 3))[0]
+    return _numeric(expressions.rotate, 4, 3)(_unit("q", q), finite_array("v", v, 3))[0]
 
 
 def rotation_between(q: Quaternions, p: Quaternions) -> Vectors:
@@ -186,7 +186,7 @@ def integrate_gyro(
     ShapeError
         When there is no stamp, or not one rate per stamp.
     """
-    time, rate = _finite("time", time), _finite("rate", rate, 3)
+    time, rate = finite_array("time", time), finite_array("rate", rate, 3)
     if time.ndim != 1 or not len(time) or rate.shape != (len(time), 3):
         raise ShapeError(f"time must be (n,) with n > 0 and rate (n, 3), got {time.shape} and {rate.shape}")
     if np.shape(attitude0) != (4,):
@@ -226,16 +226,25 @@ def _numeric(expression: Callable[..., Any], *shapes: int | tuple[int, int]) -> 
     return Compiled.late(ca.Function(expression.__name__, symbols, listed, names, outputs_named))
 
 
-def _finite(name: str, value: np.ndarray | float, *trailing: int) -> np.ndarray:
+def finite_array(name: str, value: np.ndarray | float, *trailing: int) -> np.ndarray:
+    """The value as float64, any leading axes before those of the shape ``trailing``.
+
+    Raises
+    ------
+    ShapeError
+        Another shape.
+    InputError
+        NaN or infinity; it names the first such item.
+    """
     array = np.asarray(value, dtype=np.float64)
     if array.shape[array.ndim - len(trailing) :] != trailing or array.ndim < len(trailing):
         raise ShapeError(f"{name} must end in shape {trailing}, got {array.shape}")
-    _require(np.isfinite(array), name, array, "is not finite")
+    _require(np.isfinite(array), name, array, "is not finite; replace NaN and infinity by numbers")
     return array
 
 
 def _unit(name: str, value: np.ndarray, size: int = 4) -> np.ndarray:
-    array = _finite(name, value, size)
+    array = finite_array(name, value, size)
     norm = np.linalg.norm(array, axis=-1, keepdims=True)
     _require(np.abs(norm[..., 0] - 1) <= UNIT_TOLERANCE, name, array, "is not of unit norm; normalise it")
     return array / norm

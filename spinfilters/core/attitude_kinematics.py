@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core import attitude_conversions as conversions
-from spinfilters.core.attitude_conversions import axial_vector, cross_matrix
+from spinfilters.core.attitude_conversions import axial_vector, cross_matrix, finite_array
 from spinfilters.core.errors import InputError, ShapeError
 
 Array = np.ndarray
@@ -115,7 +115,7 @@ def parameter_rate(attitude: Array, body_rate: Float[Array, "*batch 3"], name: s
         An unknown name, or an attitude at which this parametrisation has no finite rate.
     """
     chosen = parametrisation(name)
-    return chosen.rate(_shaped(attitude, chosen, "attitude"), _finite(body_rate, (3,), "body_rate"))
+    return chosen.rate(_shaped(attitude, chosen, "attitude"), finite_array("body_rate", body_rate, 3))
 
 
 def body_rate(attitude: Array, rate: Array, name: str) -> Float[Array, "*batch 3"]:
@@ -136,7 +136,7 @@ def body_rate(attitude: Array, rate: Array, name: str) -> Float[Array, "*batch 3
         An unknown name, or numbers that are not finite.
     """
     chosen = parametrisation(name)
-    return chosen.body_rate(_shaped(attitude, chosen, "attitude"), _finite(rate, chosen.shape, "rate"))
+    return chosen.body_rate(_shaped(attitude, chosen, "attitude"), finite_array("rate", rate, *chosen.shape))
 
 
 def parametrisation(name: str) -> Parametrisation:
@@ -176,7 +176,7 @@ def rate_from_attitudes(
     ShapeError
         Fewer than two attitudes, or not one time for each.
     """
-    time, q = _finite(time, (), "time"), _finite(attitude, (4,), "attitude")
+    time, q = finite_array("time", time), finite_array("attitude", attitude, 4)
     if time.ndim != 1 or len(time) < 2 or q.shape != (len(time), 4):
         raise ShapeError(f"time must be (n,) with n > 1 and attitude (n, 4), got {time.shape} and {q.shape}")
     intervals = np.diff(time)
@@ -216,7 +216,7 @@ def inertial_acceleration(
         Its terms ``relative``, ``euler``, ``coriolis`` and ``centripetal``, m/s^2.
     """
     r, v, a, w, dw = (
-        _finite(value, (3,), name)
+        finite_array(name, value, 3)
         for value, name in (
             (position, "position"),
             (velocity, "velocity"),
@@ -342,17 +342,8 @@ def _append_scalar(vector: Array, scalar: Array) -> Array:
     return np.concatenate([vector, scalar[..., np.newaxis]], axis=-1)
 
 
-def _finite(value: Array, shape: tuple[int, ...], name: str) -> Array:
-    array = np.asarray(value, dtype=np.float64)
-    if array.ndim < len(shape) or array.shape[array.ndim - len(shape) :] != shape:
-        raise ShapeError(f"{name} must end in shape {shape}, got {array.shape}")
-    if not np.all(np.isfinite(array)):
-        raise InputError(f"{name} holds NaN or infinity; give finite numbers")
-    return array
-
-
 def _shaped(attitude: Array, form: Parametrisation, name: str) -> Array:
-    return _finite(attitude, form.shape, f"{name} ({form.name})")
+    return finite_array(f"{name} ({form.name})", attitude, *form.shape)
 
 
 PARAMETRISATIONS: Final[tuple[Parametrisation, ...]] = (

@@ -73,7 +73,7 @@ class Compiled:
             self._inputs = list(zip(names, map(self._function.size_in, range(len(names))), strict=True))
             self._outputs = [self._function.size_out(k) for k in range(self._function.n_out())]
         self._library: ctypes.PyDLL | None = None
-        self._loaded = self._looked = False
+        self._loaded = self._looked = load is no_library
         self._idle_machines: dict[int, deque[_VirtualMachine]] = {}
         self._widths = [rows if cols == 1 else 0 for _, (rows, cols) in self._inputs]
         self._pointers_in = ctypes.c_void_p * len(self._inputs)
@@ -187,12 +187,13 @@ class Compiled:
         flat, first = [a.reshape(-1) for a in arrays], 0
         while first < count and self._library is None:
             stop = min(first + MOST_MAPPED, count)
-            begin = thread_time()
+            begin = 0.0 if self._loaded else thread_time()
             taken = [a[s * first : s * stop] if s else a for a, s in zip(flat, strides, strict=True)]
             self._interpret(stop - first, taken, strides, [result[first:stop] for result in results])
-            self._patience -= thread_time() - begin
-            if not self._loaded and self._patience < 0:
-                self.build()
+            if not self._loaded:
+                self._patience -= thread_time() - begin
+                if self._patience < 0:
+                    self.build()
             first = stop
         if first < count:
             taken = [a[s * first :] if s else a for a, s in zip(flat, strides, strict=True)]

@@ -25,7 +25,7 @@ from spinfilters.io.text_table import write_csv
 from spinfilters.io.truth import TRUTH_COLUMNS, Truth
 from spinfilters.models.body import BodyEstimate, BodyHistory, bodies_of
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.models.state_layout import Quantity, StateLayout, with_error_jacobian
+from spinfilters.models.state_layout import StateLayout, with_error_jacobian
 
 STD_COLUMNS: Final[tuple[str, ...]] = tuple(
     f"std_{name}{axis}" for name in ("r", "a", "v", "w") for axis in "xyz"
@@ -286,7 +286,7 @@ def read_map_ply(path: Path) -> Float[np.ndarray, "k 3"]:
 @cache
 def _motion(layout: StateLayout) -> Compiled:
     """Centre of mass, velocity and rate in i (9), derivative (9 x e) by the error."""
-    return with_error_jacobian(layout, "motion_in_i", _quantity(layout))
+    return with_error_jacobian(layout, "motion_in_i", _motion_in_i)
 
 
 @cache
@@ -294,21 +294,16 @@ def _motion(layout: StateLayout) -> Compiled:
 def _motion_alone(layout: StateLayout) -> Compiled:
     """Centre of mass, velocity and rate in i (9)."""
     x = ca.SX.sym("x", layout.mean_dim)
-    value = _quantity(layout)(layout.unpack(x))
+    value = _motion_in_i(layout.unpack(x))
     return Compiled.late(ca.Function("motion_in_i_alone", [x], [value], ["x"], ["y"]))
 
 
-def _quantity(layout: StateLayout) -> Quantity:
-    return _motion_of_centre if layout.translates else _rotation_alone
-
-
-def _rotation_alone(state: dict[str, Expression]) -> Expression:
-    return ca.vertcat(ca.SX.zeros(6), rotate_expression(state["q"], state["w"]))
-
-
-def _motion_of_centre(state: dict[str, Expression]) -> Expression:
-    centre = state["t"] + rotate_expression(state["q"], state["c"])
-    return ca.vertcat(centre, state["v"], rotate_expression(state["q"], state["w"]))
+def _motion_in_i(state: dict[str, Expression]) -> Expression:
+    """Centre of mass, velocity and rate in i (9); zeros instead of the first two where the state has no place."""
+    rate = rotate_expression(state["q"], state["w"])
+    if "t" not in state:
+        return ca.vertcat(ca.SX.zeros(6), rate)
+    return ca.vertcat(state["t"] + rotate_expression(state["q"], state["c"]), state["v"], rate)
 
 
 def body_history(history: EstimateHistory, intervals: bool = True) -> BodyHistory:

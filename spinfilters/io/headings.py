@@ -22,7 +22,7 @@ AXES: Final[dict[Quantity, Sequence[str]]] = {
 ROTATIONS: Final[frozenset[Quantity]] = frozenset({"quaternion", "matrix", "mrp"})
 """Quantities that are attitudes."""
 TICKS: Final = "ticks"
-"""Unit of the clock of Xsens: 100 us in its inertial units, 1 us in its Dots; see `spinfilters.io.motion_table`."""
+"""Unit of the clock of Xsens: 100 us in its inertial units, 1 us in its Dots; see `spinfilters.io.motion_clock`."""
 TIME_UNITS: Final[dict[str, str]] = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
     **dict.fromkeys(("ms", "msec", "millis", "millisec", "milliseconds"), "ms"),

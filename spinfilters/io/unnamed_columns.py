@@ -9,11 +9,12 @@
 import math
 import re
 from collections.abc import Iterator, Sequence
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.io.attitude_direction import FEWEST_ROWS, Direction, factor_of_rates, quaternion_direction
 from spinfilters.io.calendar_clock import seconds_of_clock
 from spinfilters.io.input_file import parse_number
 from spinfilters.io.stated_values import CLOCK_UNITS, RATE_UNITS, to_state
@@ -24,11 +25,8 @@ MOST_COLUMNS: Final = 64
 """Of a table for which names are proposed."""
 _ABSURD: Final = 1e100
 """Numbers that are none of a measurement, and whose squares overflow."""
-_FEWEST: Final = 5
 _UNIT_NORM: Final = 1e-3
 """Of the squares of a quaternion, which the digits of a text cause at most."""
-_DERIVED: Final = 0.02
-"""Share of the rates that their fit to the derivative of the attitude leaves at most."""
 _OTHER_UNIT: Final = 0.1
 """Share by which a unit may differ from what the fit says."""
 _PARTS: Final = ["stamp.sec", "stamp.nanosec"]
@@ -36,8 +34,8 @@ _PARTS: Final = ["stamp.sec", "stamp.nanosec"]
 _ORDERS: Final = ("xyzw", "wxyz")
 RATE_NAMES: Final = {"rad/s": ("wx", "wy", "wz"), "deg/s": ("gx_dps", "gy_dps", "gz_dps")}
 _MOST_PROPOSED: Final = 3
-_AT_REST: Final = ((5.0, 15.0), (0.5, 1.5))
-"""Medians of an accelerometer, in m/s^2 and g."""
+AT_REST: Final = {"m/s^2": (5.0, 15.0), "g": (0.5, 1.5)}
+"""Medians of an accelerometer at rest, by its unit."""
 
 
 def how_to_name(rows: Float[np.ndarray, "n m"], clock: int | None = None, unit: str = "") -> str:
@@ -86,7 +84,7 @@ def proposed_columns(rows: Float[np.ndarray, "n m"], clock: int | None = None) -
     """Names of the columns, - for those to leave out: one list, or one for each order of a quaternion; none if nothing is found."""
     rows = np.asarray(rows, dtype=np.float64)[:ROWS]
     rows = np.where(np.abs(rows) < _ABSURD, rows, np.nan)
-    if rows.ndim != 2 or len(rows) < _FEWEST or not 3 <= rows.shape[1] <= MOST_COLUMNS:
+    if rows.ndim != 2 or len(rows) < FEWEST_ROWS or not 3 <= rows.shape[1] <= MOST_COLUMNS:
         return []
     free = [bool(np.isfinite(column).all()) for column in rows.T]
     place = next((k for k in range(rows.shape[1] - 3) if all(free[k : k + 4]) and _is_unit(rows, k)), None)
@@ -233,104 +231,32 @@ def _derived_rates(
     rows: Float[np.ndarray, "n m"], clock: int, place: int, free: Sequence[bool]
 ) -> tuple[int, str, str] | None:
     """First column of the rates that are the derivative of a quaternion, the order of this, and their unit; None without any."""
-    step = np.diff(rows[:, clock])
     for order in _ORDERS:
-        q = (
-            rows[:, place : place + 4]
-            if order == "xyzw"
-            else rows[:, [place + 1, place + 2, place + 3, place]]
-        )
-        turned = _turned(q)
+        q = _in_order(rows[:, place : place + 4], order)
         for column in _triples(free):
-            mean = 0.5 * (rows[1:, column : column + 3] + rows[:-1, column : column + 3]) * step[:, None]
-            size = float(np.sum(mean * mean))
-            if not size > 0:
-                continue
-            scale = float(np.sum(mean * turned)) / size  # least squares of turned = scale mean
-            left = float(np.linalg.norm(turned - scale * mean))
-            if scale > 0 and left < _DERIVED * float(np.linalg.norm(turned)):
-                unit = _unit(scale)
-                if unit is not None:
-                    return column, order, unit
+            factor = factor_of_rates(rows[:, clock], q, rows[:, column : column + 3])
+            if factor > 0 and (unit := _unit(factor)) is not None:
+                return column, order, unit
     return None
+
+
+def _in_order(four: Float[np.ndarray, "n 4"], order: str) -> Float[np.ndarray, "n 4"]:
+    """A quaternion of columns in an order, scalar last."""
+    return four if order == "xyzw" else four[:, [1, 2, 3, 0]]
 
 
 def _directions(
     rows: Float[np.ndarray, "n m"], clock: int, place: int, free: Sequence[bool]
-) -> list[tuple[int, "Direction"]]:
+) -> list[tuple[int, Direction]]:
     """First columns of rates that belong to a quaternion in either order, with the direction that they show."""
     found: list[tuple[int, Direction]] = []
     for order in _ORDERS:
-        four = rows[:, place : place + 4]
-        q = four if order == "xyzw" else four[:, [1, 2, 3, 0]]
+        q = _in_order(rows[:, place : place + 4], order)
         for column in _triples(free):
             shown = quaternion_direction(rows[:, clock], q, rows[:, column : column + 3])
             if shown != "unknown":
                 found.append((column, shown))
     return found
-
-
-CONJUGATE: Final = (-1.0, -1.0, -1.0, 1.0)
-"""Factors of a quaternion, scalar last, that turn it round, also one whose digits are not yet of unit length."""
-Direction = Literal["unknown", "to inertial", "to body", "contradiction"]
-"""Axes to which a quaternion maps, as rates beside it show: unknown of other numbers, contradiction of rates that turn back."""
-
-
-def quaternion_direction(
-    time: Float[np.ndarray, " n"], q: Float[np.ndarray, "n 4"], rates: Float[np.ndarray, "n 3"]
-) -> Direction:
-    """Direction of a quaternion, scalar last, that rates in one unit beside it show.
-
-    Let D(q) be defined by q' = q (x) (0, D) / 2. If q maps from body to inertial axes, D(q) is the rate in body axes, and D(q*) is
-    minus that in inertial axes. If q maps the other way, the two change places. So rates in body axes are D(q) or D(q*). Rates that
-    are -D(q) are those in inertial axes of the other direction, or have the wrong signs.
-
-    Parameters
-    ----------
-    time : Float[np.ndarray, ' n']
-        In any unit.
-    q : Float[np.ndarray, 'n 4']
-        As read.
-    rates : Float[np.ndarray, 'n 3']
-        In any unit.
-    """
-    step = np.diff(time)[:, None]
-    if (
-        len(time) < _FEWEST
-        or not (step > 0).all()
-        or not np.isfinite(q).all()
-        or not np.isfinite(rates).all()
-    ):
-        return "unknown"
-    mean = 0.5 * (rates[1:] + rates[:-1]) * step
-    forth = _sign_of_fit(_turned(q), mean)
-    back = _sign_of_fit(_turned(q * CONJUGATE), mean)
-    if forth > 0 or (back < 0 and not forth):
-        return "to inertial"
-    if forth < 0:
-        return "contradiction"
-    return "to body" if back > 0 else "unknown"
-
-
-def _sign_of_fit(turned: Float[np.ndarray, "m 3"], mean: Float[np.ndarray, "m 3"]) -> int:
-    """Sign of the factor by which rotations are those of mean rates; 0 where no factor fits."""
-    size = float(np.sum(mean * mean))
-    if not size > 0:
-        return 0
-    scale = float(np.sum(mean * turned)) / size  # least squares of turned = scale mean
-    fits = float(np.linalg.norm(turned - scale * mean)) < _DERIVED * float(np.linalg.norm(turned))
-    return int(np.sign(scale)) if fits else 0
-
-
-def _turned(q: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "m 3"]:
-    """Rotation vectors, in body axes, from each attitude to the next: q_k* (x) q_k+1, scalar last."""
-    v, s, w, r = q[:-1, :3], q[:-1, 3:], q[1:, :3], q[1:, 3:]
-    vector = s * w - r * v - np.cross(v, w)
-    scalar = s[:, 0] * r[:, 0] + np.sum(v * w, axis=1)
-    vector = vector * np.where(scalar < 0, -1.0, 1.0)[:, None]
-    size = np.linalg.norm(vector, axis=1)
-    angle = 2 * np.arctan2(size, np.abs(scalar))
-    return vector * (angle / np.where(size > 0, size, 1.0))[:, None]
 
 
 def _unit(scale: float) -> str | None:
@@ -359,7 +285,7 @@ def _with_rates(
     triples = _threes(free) or _threes(varied) or list(_triples(varied))[:1]
     triples = [k for k in triples if np.ptp(rows[:, k : k + 3], axis=0).any()]
     norms = {k: float(np.median(np.linalg.norm(rows[:, k : k + 3], axis=1))) for k in triples}
-    triples.sort(key=lambda k: any(low < norms[k] < high for low, high in _AT_REST))
+    triples.sort(key=lambda k: any(low < norms[k] < high for low, high in AT_REST.values()))
     return [[*names[:k], "x", "y", "z", *names[k + 3 :]] for k in triples[:_MOST_PROPOSED]]
 
 

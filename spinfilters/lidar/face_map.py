@@ -28,6 +28,7 @@ from spinfilters.lidar.scan_pose import (
     move_placement,
     prior_stds,
     rotation_variance,
+    shares_of_span,
 )
 
 
@@ -284,8 +285,7 @@ def _at_most_prior(errors: Float[np.ndarray, "6 f"], size: float) -> Float[np.nd
 
 def uniform_drift(tracked: TrackedFaces, size: float) -> Drift:
     """Uniform drift fitted to the poses' origins; medians keep poses out that do not determine theirs."""
-    times = np.array([pose.time for pose in tracked.poses])
-    times = (times - times[0]) / max(float(np.ptp(times)), 1e-300)
+    times = shares_of_span(tracked.poses)
     places = np.array([pose.translation for pose in tracked.poses])
     if len(times) < FEWEST_FOR_DRIFT:
         return Drift(np.concatenate([places[0], places[-1] - places[0]]), times, np.inf)

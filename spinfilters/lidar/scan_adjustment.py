@@ -50,6 +50,7 @@ from spinfilters.lidar.scan_pose import (
     pose_covariance,
     predicted_pose,
     prior_stds,
+    shares_of_span,
 )
 
 HELD: Final = 1e-3
@@ -322,8 +323,7 @@ def _drift_of(poses: Sequence[ScanPose], size: float) -> _Drift:
     """
     k = len(poses)
     R, t = np.array([pose.rotation for pose in poses]), np.array([pose.translation for pose in poses])
-    times = np.array([pose.time for pose in poses])
-    late = ((times - times[0]) / max(float(np.ptp(times)), 1e-300))[:, None, None]
+    late = shares_of_span(poses)[:, None, None]
     fixed = np.broadcast_to(np.eye(3), (k, 3, 3))
     # columns: c in g, then r at the first scan, v and a over the whole span, all three in L
     columns = np.concatenate([-R, fixed, late * fixed, late**2 * fixed], axis=2)

@@ -63,6 +63,12 @@ def move_placement(placement: Placement, step: Float[np.ndarray, "6"]) -> Placem
     return matrix_from_rotation_vector(step[:3]) @ placement[0], placement[1] + step[3:]
 
 
+def shares_of_span(poses: Sequence[ScanPose]) -> Float[np.ndarray, " n"]:
+    """Times of poses as shares of the span from the first, 0, to the last, 1."""
+    times = np.array([pose.time for pose in poses])
+    return (times - times[0]) / max(float(np.ptp(times)), 1e-300)
+
+
 def rotation_vector(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
     """Rotation vector, rad, of the short way round, of what is a rotation but for rounding."""
     return rotation_vector_from_matrix(nearest_rotation(R))

@@ -177,10 +177,7 @@ def _adjust_map(
         faces = [_refit_face(k, face, poses, matches, planes) for k, face in enumerate(faces)]
         if sweep >= _SWEEPS and len(poses) >= FEWEST_FOR_DRIFT:
             faces, poses = _fit_uniform_drift(faces, poses, matches, planes)
-        poses = [
-            _fit_pose(pose, faces, m, seen, size)
-            for pose, m, seen in zip(poses, matches, planes, strict=True)
-        ]
+        poses = _fit_poses(TrackedFaces(tuple(poses), tuple(faces), tuple(matches)), planes, size)
     tracked = adjusted_faces(
         TrackedFaces(tuple(poses), tuple(faces), tuple(matches)), PlaneEvidence(planes), size
     )
@@ -209,13 +206,16 @@ def _interpolate_undetermined(tracked: TrackedFaces, size: float) -> TrackedFace
 def _fit_all_poses(
     tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
 ) -> TrackedFaces:
+    """Tracked faces with every pose fitted to those that its scan sees."""
+    return replace(tracked, poses=tuple(_fit_poses(tracked, planes, size)))
+
+
+def _fit_poses(tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float) -> list[ScanPose]:
     """Every pose from the faces that its scan sees."""
-    faces = list(tracked.faces)
-    poses = [
-        _fit_pose(pose, faces, m, seen, size)
-        for pose, m, seen in zip(tracked.poses, tracked.matches, planes, strict=True)
+    return [
+        _fit_pose(pose, tracked.faces, match, seen, size)
+        for pose, match, seen in zip(tracked.poses, tracked.matches, planes, strict=True)
     ]
-    return replace(tracked, poses=tuple(poses))
 
 
 def _fit_uniform_drift(
@@ -254,7 +254,7 @@ def _fit_uniform_drift(
 
 
 def _fit_pose(
-    pose: ScanPose, faces: list[Face], match: tuple[int, ...], seen: Sequence[FittedPlane], size: float
+    pose: ScanPose, faces: Sequence[Face], match: tuple[int, ...], seen: Sequence[FittedPlane], size: float
 ) -> ScanPose:
     pairs = [MatchedFace(plane, faces[k]) for plane, k in zip(seen, match, strict=True)]
     R, t = (

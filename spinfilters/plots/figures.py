@@ -3,7 +3,7 @@
 import gc
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -447,7 +447,7 @@ def drawn_pictures(
 
     every = [(f"{name}.png", draw) for name, draw in _figures(figure_data)]
     figures = [(name, draw) for name, draw in every if wanted is None or name in wanted]
-    with _searched_behind_figures():
+    with _searched_behind_figures() if figures else nullcontext():
         for index, (name, draw) in enumerate(figures):
             progress(index, len(figures))
             yield name, drawn_png(draw, Path(name).stem)

@@ -58,8 +58,8 @@ MOST_DRAWN: Final[int] = 8000
 _DPI = 150
 _DRAWN_BY: Final = f"Matplotlib version{matplotlib_version}, https://matplotlib.org/"
 LETTERS: Final[dict[Any, Any]] = {"text.hinting": "none"}
-"""Settings of matplotlib for pixels. Hints move outlines to whole pixels, for screens that are coarser than these pictures. Text takes
-six tenths of the time without."""
+"""Settings of matplotlib for pixels. Hints move outlines to whole pixels, for screens that are coarser than these pictures. Text
+takes six tenths of the time without."""
 _MAKE_TICKS: Final = "_update_ticks"
 """Method of an axis that makes its ticks."""
 _MEASURE_LABELS: Final = "_get_ticklabel_bboxes"

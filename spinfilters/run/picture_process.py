@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -46,24 +46,27 @@ Source = FigureData | Path
 """What a picture shows: data, or a run folder that holds them."""
 
 
-class PictureProcess:
-    """A process that draws pictures of a run on request.
+class ConnectionEnd(Protocol):
+    """An end of a connection between two processes, of the kind that the system has."""
 
-    It ends with its input, hence with the process that started it.
+    def send(self, obj: Any, /) -> None:
+        """Send an object."""
+
+    def recv(self) -> Any:
+        """The next object. EOFError: the other end is closed."""
+
+
+class Painter:
+    """What draws pictures of a run on request, in another process, at the end of a connection.
+
+    Parameters
+    ----------
+    connection : ConnectionEnd
+        The process ends with it.
     """
 
-    def __init__(self) -> None:
-        paths = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
-        self._connection, its_end = Pipe()
-        with its_end:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", __name__],
-                stdin=its_end.fileno(),
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                env={**_ENVIRONMENT, **os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-                start_new_session=True,  # Ctrl-C is for the process that asked
-            )
+    def __init__(self, connection: ConnectionEnd) -> None:
+        self._connection = connection
         self._source: Source | None = None
         self._sent: list[object] = []
 
@@ -75,11 +78,6 @@ class PictureProcess:
                 return None
             self._source = source
         return self._answer("draw", name)
-
-    def close(self) -> None:
-        """End it at once; what waits for its answer gets none."""
-        self._process.kill()
-        self._process.wait()
 
     def _open(self, folder: Path) -> bytes | None:
         """Let it read a run folder; its working directory may be another."""
@@ -96,13 +94,49 @@ class PictureProcess:
 
     def _answer(self, *request: object) -> bytes | None:
         """What it answers to a request; None for no answer."""
-        try:
+        # It has ended, or a plug-in's data cannot be sent: the process that asked meets the cause when it draws.
+        with suppress(Exception):
             self._connection.send(request)
             return self._connection.recv()
-        except (
-            Exception
-        ):  # it has ended, or a plug-in's data cannot be sent: this process meets the cause when it draws
-            return None
+        return None
+
+
+class PictureProcess(Painter):
+    """A process that draws pictures of a run on request, and ends with the process that started it.
+
+    Parameters
+    ----------
+    has_twin : bool
+        Whether it makes a copy of itself when what draws is loaded, where systems copy processes safely.
+
+    Attributes
+    ----------
+    twin : Painter or None
+        The copy: a second painter, which costs no time unless it draws.
+    """
+
+    def __init__(self, has_twin: bool = False) -> None:
+        paths = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
+        own, its_end = Pipe()
+        super().__init__(own)
+        twins, its_twins_end = Pipe()
+        self.twin = Painter(twins) if has_twin and sys.platform == "linux" else None
+        passed = [] if self.twin is None else [its_twins_end.fileno()]
+        with its_end, its_twins_end:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", __name__, *map(str, passed)],
+                stdin=its_end.fileno(),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                pass_fds=passed,
+                env={**_ENVIRONMENT, **os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+                start_new_session=True,  # Ctrl-C is for the process that asked
+            )
+
+    def close(self) -> None:
+        """End it at once; what waits for its answer gets none. Its twin ends with the connection."""
+        self._process.kill()
+        self._process.wait()
 
 
 def _without_models(evaluation: Evaluation) -> Evaluation:
@@ -126,8 +160,8 @@ def picture_processes(wanted: bool) -> Iterator[list[PictureProcess]]:
     count = _further_processes() if wanted else 0
     try:
         with suppress(OSError):  # no memory or no right for another: this one draws
-            for _ in range(count):
-                processes.append(PictureProcess())
+            for number in range(count):
+                processes.append(PictureProcess(has_twin=number == 0))
         yield processes
     finally:
         for process in processes:
@@ -154,7 +188,7 @@ class _Picture:
 
 
 class EarlyPictures:
-    """Pictures of a run, drawn by further processes while the run goes on.
+    """Pictures of a run, drawn by further processes while the run goes on, and by twins of theirs when its verdicts are made.
 
     Parameters
     ----------
@@ -166,6 +200,7 @@ class EarlyPictures:
 
     def __init__(self, processes: Sequence[PictureProcess], estimators: Sequence[str]) -> None:
         self.processes = processes
+        self._twins = [process.twin for process in processes if process.twin is not None]
         self._estimators = estimators
         self._shown = {
             name: shown for shown, names in early_pictures(estimators, estimators) for name in names
@@ -173,11 +208,10 @@ class EarlyPictures:
         self._changed, self._has_ended = threading.Condition(), False
         # What follows is read and changed while `_changed` is held.
         self._waiting: deque[_Picture] = deque()
-        self._begun: dict[PictureProcess, _Picture] = {}
+        self._begun: dict[Painter, _Picture] = {}
         self._drawn: dict[_Picture, bytes] = {}
-        self._serving = len(processes)
-        for process in processes:
-            threading.Thread(target=self._serve, args=(process,), daemon=True).start()
+        self._serving = 0
+        self._start(processes)
 
     def __enter__(self) -> "EarlyPictures":
         return self
@@ -202,7 +236,8 @@ class EarlyPictures:
         possible = [name for name in _files_of(figure_data) if name in ready]
         with self._changed:
             offered = {each.name for each in self._every()}
-            self._add([name for name in possible if name not in offered], figure_data)
+            self._waiting.extend(_Picture(name, figure_data) for name in possible if name not in offered)
+            self._changed.notify_all()
 
     def take_all(self, figure_data: FigureData, folder: Path | None = None) -> None:
         """Have drawn all pictures of a run whose verdicts are made, but those that show its estimates already.
@@ -217,12 +252,16 @@ class EarlyPictures:
             valid = {
                 each for each in self._every() if each.source is source or self._is_of(each, figure_data)
             }
-            self._waiting = deque(each for each in self._waiting if each in valid)
+            names = {each.name for each in valid}
+            missing = [name for name in _files_of(figure_data) if name not in names]
+            # The summary is among the missing ones, and takes longest of what is left.
+            first = [] if source is None else [_Picture(name, source) for name in missing]
+            self._waiting = deque([*first, *(each for each in self._waiting if each in valid)])
             self._begun = {process: each for process, each in self._begun.items() if each in valid}
             self._drawn = {each: content for each, content in self._drawn.items() if each in valid}
-            names = {each.name for each in valid}
-            if source is not None:
-                self._add([name for name in _files_of(figure_data) if name not in names], source)
+            self._start(self._twins)
+            self._twins.clear()
+            self._changed.notify_all()
 
     def next_drawn(self) -> "tuple[str, bytes | None] | None":
         """The next picture of all that were taken, when it is drawn.
@@ -256,10 +295,6 @@ class EarlyPictures:
         yield from self._begun.values()
         yield from self._drawn
 
-    def _add(self, names: Sequence[str], source: Source) -> None:
-        self._waiting.extend(_Picture(name, source) for name in names)
-        self._changed.notify_all()
-
     def _is_of(self, picture: _Picture, final: FigureData) -> bool:
         """Whether a picture of early data shows estimates alone, and those of the run."""
         if isinstance(picture.source, Path) or picture.name not in self._shown:
@@ -267,7 +302,13 @@ class EarlyPictures:
         early, late = ({each.name: each for each in data.evaluations} for data in (picture.source, final))
         return all(early[name].has_estimates_of(late[name]) for name in self._shown[picture.name])
 
-    def _serve(self, process: PictureProcess) -> None:
+    def _start(self, painters: Sequence[Painter]) -> None:
+        """Let these draw, too."""
+        self._serving += len(painters)
+        for painter in painters:
+            threading.Thread(target=self._serve, args=(painter,), daemon=True).start()
+
+    def _serve(self, process: Painter) -> None:
         """Hand pictures to a process as they come, while it draws them."""
         content: bytes | None = b""
         while content is not None:
@@ -327,7 +368,7 @@ def draw_together(
     return names
 
 
-class _Painter:
+class _Work:
     """What a picture process does, request by request (`PictureProcess`)."""
 
     def __init__(self) -> None:
@@ -363,14 +404,19 @@ def main() -> None:
     """Load what draws, then do what the socket at its input asks for: requests, each with what it is about."""
     from spinfilters.plots.style import picture_bytes
 
-    with Connection(sys.stdin.fileno()) as connection, suppress(KeyboardInterrupt, BrokenPipeError, EOFError):
+    with suppress(KeyboardInterrupt, BrokenPipeError, EOFError):
         # loaded while the first estimator runs
         from spinfilters.plots import scene, summary, time_courses  # noqa: F401
 
         figure, _ = scene.space_figure(2.0, 2.0)
         figure.suptitle(summary.RATIO_LABELS[0])
         picture_bytes(figure, "png", dpi=50)  # fonts are found, and what a first picture needs is loaded
-        painter = _Painter()
+        own = sys.stdin.fileno()
+        for other in map(int, sys.argv[1:]):  # the place of a twin's connection
+            is_twin = os.fork() == 0  # nothing else runs in this process
+            os.close(own if is_twin else other)
+            own = other if is_twin else own
+        connection, painter = Connection(own), _Work()
         answer: dict[str, Callable[..., bytes]] = {
             "show": painter.show,
             "open": painter.open,

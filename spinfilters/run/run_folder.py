@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -166,7 +167,19 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> dict[
     refuse_source_within(folder, source)
     write_configuration(folder, settings)
     _clear(folder, source)
-    _write_measurements(folder, comparison.setup)
+    with ThreadPoolExecutor(1) as pool:  # while a file reaches the disk, others are made
+        estimates = pool.submit(_write_estimates, folder, comparison)
+        _write_measurements(folder, comparison.setup)
+        document = summary(comparison)
+        estimates.result()
+    write_json(folder / SUMMARY_FILE, document)
+    if not comparison.interrupted:
+        remove_checkpoints(folder)
+    return document
+
+
+def _write_estimates(folder: Path, comparison: Comparison) -> None:
+    """Write the folders of the estimators, one after the other: a long recording has no room for two."""
     for evaluation in comparison.evaluations:
         part = folder / evaluation.name
         make_folder(part)
@@ -177,11 +190,6 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> dict[
         write_history(part / HISTORY_FILE, evaluation.history)
         if evaluation.name in comparison.maps:
             write_map_ply(part / MAP_FILE, comparison.maps[evaluation.name])
-    document = summary(comparison)
-    write_json(folder / SUMMARY_FILE, document)
-    if not comparison.interrupted:
-        remove_checkpoints(folder)
-    return document
 
 
 def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:

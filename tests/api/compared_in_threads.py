@@ -19,7 +19,7 @@ from spinfilters.smoother import mass_posterior
 EVALUATION = ("FunctionBuffer_", "_function_buffer_eval")
 """Calls of CasADi's library that need no lock: each works on memory that one thread holds."""
 PACKAGES = (Path(spinfilters.__file__).parent, Path(spinfilters.__file__).parents[1] / "observability")
-THREADS = 3
+THREADS = 2
 FEW = 12
 """Samples of a mass distribution: each is one more solve of what one alone builds and locks already."""
 without_lock: set[str] = set()

@@ -18,5 +18,5 @@ def test_threads_give_the_numbers_of_one_after_the_other(compiling: str, kinds: 
     command = [sys.executable, str(PROGRAM), *kinds]
     ended = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert ended.returncode == 0, ended.stderr[-2000:]
-    count = 3 * len(kinds)
+    count = 2 * len(kinds)
     assert ended.stdout == f"{count} of {count} alike; without the lock: nobody\n"

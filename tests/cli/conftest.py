@@ -1,15 +1,20 @@
 """Recordings and runs that several tests of commands share; none of them may change one."""
 
+import pickle
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
 
 from spinfilters.cli.main import main
+from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.plots import figures
-from spinfilters.run import smoother_convergence
+from spinfilters.run import comparison_run, preparation, smoother_convergence
+from spinfilters.run.preparation import Setup
+from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 
@@ -17,6 +22,25 @@ from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the figures that every run has: they take most of its time and have their own tests."""
     monkeypatch.setattr(figures, "_figures", lambda _: ())
+
+
+@pytest.fixture(scope="session")
+def prepared() -> dict[bytes, Setup]:
+    """What runs began from, by a digest of recording and settings."""
+    return {}
+
+
+@pytest.fixture
+def prepared_once(prepared: dict[bytes, Setup], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs on one recording with the same settings begin from one initialisation: it takes most of a short run's time."""
+
+    def prepare(dataset: Dataset, settings: Settings) -> Setup:
+        digest = sha256(pickle.dumps((dataset, settings))).digest()
+        if digest not in prepared:
+            prepared[digest] = preparation.prepare(dataset, settings)
+        return prepared[digest]
+
+    monkeypatch.setattr(comparison_run, "prepare", prepare)
 
 
 @pytest.fixture

@@ -16,10 +16,10 @@ from spinfilters.filters import timeline
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.inference import first_epochs
 from spinfilters.models.state_layout import Gaussian
-from spinfilters.run import estimators
+from spinfilters.run import comparison_run, estimators, preparation
 from tests.cli.failures import compared, of_casadi, singular
 
-pytestmark = pytest.mark.usefixtures("few_figures", "unrendered", "single_epochs")
+pytestmark = pytest.mark.usefixtures("few_figures", "unrendered", "prepared_once", "single_epochs")
 
 
 @pytest.fixture
@@ -165,6 +165,7 @@ def test_first_frames_that_cannot_be_smoothed_fail_every_estimator_with_the_reas
     recording: str, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(first_epochs, "initialise", singular)
+    monkeypatch.setattr(comparison_run, "prepare", preparation.prepare)
     estimates = compared(request.getfixturevalue(recording), tmp_path / "run")
     for estimate in estimates.values():
         assert estimate["status"] == "failed"

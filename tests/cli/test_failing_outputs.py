@@ -13,7 +13,7 @@ from spinfilters.run import optional_outputs, predictions, smoother_convergence
 from spinfilters.smoother import recursive_smoother as convergence_record
 from tests.cli.failures import compared, of_casadi, singular
 
-pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
+pytestmark = pytest.mark.usefixtures("few_figures", "unrendered", "prepared_once")
 ESTIMATES_ALONE = ("--verdict", "filter")
 """Without the tests of their models, which no optional output shows."""
 

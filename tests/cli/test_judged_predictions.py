@@ -22,7 +22,7 @@ from spinfilters.run.predictions import race_figures, stamps_ahead
 from spinfilters.run.reference_output import kept_reference
 from tests.cli.faults import refusal
 
-pytestmark = pytest.mark.usefixtures("few_figures")
+pytestmark = pytest.mark.usefixtures("few_figures", "prepared_once")
 
 
 def compared(dataset: Path, run: Path, *more: str) -> dict[str, object]:

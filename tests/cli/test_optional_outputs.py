@@ -17,7 +17,7 @@ from spinfilters.run.run_folder import CONSTANTS_PICTURE, COSTS_PICTURE, SETTLIN
 from tests.cli.faults import refusal
 
 FRAMES, INTERVAL = 20, 0.5
-pytestmark = pytest.mark.usefixtures("few_figures")
+pytestmark = pytest.mark.usefixtures("few_figures", "prepared_once")
 
 
 def table(path: Path) -> Float[np.ndarray, "n c"]:

@@ -19,7 +19,7 @@ FRAMES = 20
 ESTIMATORS = ("mekf", "smoother")
 ASKED = ("--estimators", "mekf,smoother", "--verdict", "filter")
 PREDICTION, CONVERGENCE = "mekf/prediction.npz", "smoother/convergence.npz"
-pytestmark = pytest.mark.usefixtures("few_figures")
+pytestmark = pytest.mark.usefixtures("few_figures", "prepared_once")
 
 Resumed = Callable[..., Path]
 

@@ -8,7 +8,7 @@ import pytest
 
 from spinfilters.cli.main import main
 
-pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
+pytestmark = pytest.mark.usefixtures("few_figures", "unrendered", "prepared_once")
 
 
 def results(run: Path) -> dict[str, bytes]:

@@ -17,6 +17,7 @@ NAMES = ["-".join(layout.blocks) for layout in LAYOUTS]
 PROCESSES = {
     name: TorqueFreeProcess(layout, ProcessNoise()) for name, layout in zip(NAMES, LAYOUTS, strict=True)
 }
+FULL = "-".join(FULL_BLOCKS)
 ROUNDING = 1e-13
 TOLERANCE = 1e-7
 """Of steps whose number of substeps differs: the integration error that is allowed, with room for its derivatives."""
@@ -126,7 +127,7 @@ def test_a_time_step_that_is_none_is_named(wrong: float) -> None:
 
 
 def test_a_state_that_is_not_finite_gives_numbers_that_are_not() -> None:
-    name = NAMES[2]
+    name = FULL
     x = _points(name, 2)
     there = x.copy()
     x[0, PROCESSES[name].layout.mean_slice("w")] = np.nan
@@ -137,7 +138,7 @@ def test_a_state_that_is_not_finite_gives_numbers_that_are_not() -> None:
 
 def test_other_densities_scale_the_noise_alone() -> None:
     layout = StateLayout(FULL_BLOCKS)
-    x, dt = _points(NAMES[2], 2), np.full(2, 0.5)
+    x, dt = _points(FULL, 2), np.full(2, 0.5)
     one = TorqueFreeProcess(layout, ProcessNoise(4e-8, 1e-6)).linearise_steps(x, x, dt)
     four = TorqueFreeProcess(layout, ProcessNoise(16e-8, 4e-6)).linearise_steps(x, x, dt)
     np.testing.assert_array_equal(one[1], four[1])
@@ -157,7 +158,7 @@ def test_without_a_compiler_steps_are_the_same(no_compiler: None) -> None:
 def _scene(count: int) -> tuple[StereoLandmark, np.ndarray, np.ndarray, np.ndarray]:
     """A sensor, states, parameters and values; some points are behind the camera."""
     layout, generator = StateLayout(FULL_BLOCKS), np.random.default_rng(count)
-    sensor, x = StereoLandmark(layout), _points(NAMES[2], count)
+    sensor, x = StereoLandmark(layout), _points(FULL, count)
     x[:, layout.mean_slice("t")] = [0.02, -0.01, 0.6] + 0.1 * generator.standard_normal((count, 3))
     x[::5, 2] = -0.5
     parameters = camera_parameters(0.1 * generator.standard_normal((count, 3)), CALIBRATION, 1.3)

@@ -60,6 +60,19 @@ def test_a_further_process_draws_the_same_pictures(run: Path, sends_data: bool) 
         process.close()
 
 
+def test_the_twin_of_a_process_draws_the_same_pictures(run: Path) -> None:
+    process = PictureProcess(has_twin=True)
+    if process.twin is None:
+        pytest.skip("no copies of processes on this system")
+    try:
+        data, name = read_figure_data(run), picture_files(NAMES)[0]
+        contents = [painter.drawn(name, data) for painter in (process.twin, process, process.twin)]
+        assert contents[0] is not None
+        assert contents == [contents[0]] * 3
+    finally:
+        process.close()
+
+
 def test_pictures_of_further_processes_and_of_this_one_are_all_of_a_run(run: Path) -> None:
     alone, process = pixels(run), PictureProcess()
     try:
@@ -73,6 +86,8 @@ def test_pictures_of_further_processes_and_of_this_one_are_all_of_a_run(run: Pat
 
 class Recorded:
     """A process that draws nothing and keeps what it was asked for."""
+
+    twin = None
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, Any]] = []

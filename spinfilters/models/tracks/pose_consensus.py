@@ -198,8 +198,9 @@ class _UsableMatches:
         at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
         away = camera.pixels_of(at, self.calibration) - self.pixels
         with np.errstate(divide="ignore", invalid="ignore"):
-            squares = np.einsum("hki,hki->hk", away, away) / self.tolerance**2
-            if self.spread is not None:
+            if self.spread is None:
+                squares = np.einsum("hki,hki->hk", away, away) / self.tolerance**2
+            else:
                 by_point = camera.pixels_by_point(at, self.calibration) @ rotations[:, None]
                 squares = self._squares_in_spread(away, by_point)
             return np.where(at[..., 2] > 0, squares, np.inf)

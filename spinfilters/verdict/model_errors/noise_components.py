@@ -320,7 +320,13 @@ class ColumnProducts:
         return cls(
             tuple(places[k] for k in range(len(given))),
             np.concatenate([each.squares for each in solved.right]),
-            np.concatenate([each.gram(_residuals_alike(rows.left, each))[:, 0] for each in solved.right]),
+            # residuals in the rows that the right-hand sides have
+            np.concatenate(
+                [
+                    each.gram(rows.left if each.is_measured else rows.left.of_motion)[:, 0]
+                    for each in solved.right
+                ]
+            ),
             solved.information,
             noise.squares(rows.left),
             shared,
@@ -410,11 +416,6 @@ class _SolvedRows:
             own[:m, :m] += flat(measured).T @ flat(measured)
             shared[:m] += flat(measured).T @ flat(left)[:, 0]
         return shared, own
-
-
-def _residuals_alike(left: Columns, right: Columns) -> Columns:
-    """Residuals in the rows that right-hand sides have."""
-    return left if right.is_measured else left.of_motion
 
 
 def information_by_epoch(
