@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.run.flight_windows import PoseLog, acceleration_of, pose_flights
-from spinfilters.run.free_flight import find_flights, gyro_flights
+from spinfilters.run.free_flight import find_flights
+from spinfilters.run.gyro_flights import gyro_flights
+from spinfilters.run.pose_flights import PoseLog, acceleration_of, pose_flights
 from spinfilters.run.readers import read_dataset, read_segments, read_whole
 
 HALF_EDGE = 0.0524

@@ -7,94 +7,22 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
 
-from spinfilters.core.attitude_conversions import cross_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset, Segment
-from spinfilters.io.measurement_log import Acceleration, MeasurementStream
+from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.stated_values import to_state
-from spinfilters.run.flight_windows import (
-    ROTATION,
+from spinfilters.run.flight_windows import Stretch
+from spinfilters.run.gyro_flights import (
+    LARGEST_FORCE,
     MomentumChange,
-    PoseLog,
-    RotationHistory,
-    Stretch,
-    acceleration_of,
-    covered,
+    gyro_flights,
     inertia_tensor,
     momentum_change,
-    momentum_errors,
-    noise_level,
-    pieces_between_gaps,
-    pose_flights,
     rotation_history,
-    runs_of,
-    window_ends,
-    without_overlap,
+    unexplained_force,
 )
-
-LARGEST_ERROR: Final = 0.01
-"""Of the momentum over a window: scale errors of gyros leave 0.1 to 0.9 %, a hand 2 % and more."""
-NOISE_SHARE: Final = 4.0
-LARGEST_NOISY_ERROR: Final = 0.05
-"""The noise, over the rate and this many times, may come on top, up to here."""
-OF_ITS_OWN: Final = 4.0
-SMALLEST_ERROR: Final = 4e-3
-"""A window counts as part of a flight up to so many times the flight's median error, and below the second in any case."""
-SLOWEST_NOISE: Final = 10.0
-SLOWEST_SHARE: Final = 0.02
-"""Windows whose rate is below so many deviations of the noise, or this share of the log's largest rate, are at rest."""
-LEAST_ROTATION: Final = 2 * ROTATION
-FEWEST_SAMPLES: Final = 24
-WINDOW_SHARE: Final = 16
-"""Windows begin this share of a window apart, or at every sample."""
-
-
-def gyro_flights(time: Float[np.ndarray, " n"], rates: Float[np.ndarray, "n 3"]) -> list[Stretch]:
-    """Stretches of free flight of a log of body rates (s, rad/s)."""
-    noise, largest = noise_level(rates), float(np.linalg.norm(rates, axis=1).max())
-    slowest = max(SLOWEST_NOISE * noise, SLOWEST_SHARE * largest, 1e-12)
-    found: list[Stretch] = []
-    for piece in pieces_between_gaps(time):
-        if len(piece) >= FEWEST_SAMPLES:
-            rows = np.s_[piece.start : piece.end]
-            history = rotation_history(time[rows], rates[rows])
-            found += [
-                Stretch(piece.start + each.start, piece.start + each.end)
-                for each in _flights(history, noise, slowest)
-            ]
-    return found
-
-
-def _flights(history: RotationHistory, noise: float, slowest: float) -> list[Stretch]:
-    ends = window_ends(history)
-    starts = np.flatnonzero(ends <= len(history.time))
-    if not len(starts):
-        return []
-    starts = starts[:: max(1, int(np.median(ends[starts] - starts)) // WINDOW_SHARE)]
-    ends = ends[starts]
-    duration = history.time[ends - 1] - history.time[starts]
-    speed = (history.angle[ends - 1] - history.angle[starts]) / duration
-    moving = speed > slowest
-    errors = np.full(len(starts), np.inf)
-    errors[moving] = momentum_errors(history, starts[moving], ends[moving])
-    allowed = LARGEST_ERROR + np.minimum(
-        NOISE_SHARE * noise / np.maximum(speed, slowest), LARGEST_NOISY_ERROR
-    )
-    passed = errors <= allowed
-    for run in runs_of(passed):
-        inside = np.s_[run.start : run.end]
-        own = max(OF_ITS_OWN * float(np.median(errors[inside])), SMALLEST_ERROR)
-        passed[inside] &= errors[inside] <= own
-    stretches = without_overlap(covered(runs_of(passed), starts, ends))
-    return [each for each in stretches if _is_long(history, each)]
-
-
-def _is_long(history: RotationHistory, stretch: Stretch) -> bool:
-    rotation = history.angle[stretch.end - 1] - history.angle[stretch.start]
-    return len(stretch) >= FEWEST_SAMPLES and rotation >= LEAST_ROTATION
-
+from spinfilters.run.pose_flights import PoseLog, acceleration_of, pose_flights
 
 LARGEST_GAIN: Final = 0.05
 """Share of the momentum that may come on top over a flight, by noise: air only takes some, and a hand gives it."""
@@ -226,37 +154,3 @@ _FINDERS: Final[dict[str, Callable[[Dataset, MeasurementStream], list[FreeFlight
     "gyro": _in_rates,
     "pose": _in_poses,
 }
-
-
-LARGEST_FORCE: Final = 2.5
-"""m/s^2, root mean square, that rotation may leave unexplained: drag and scale errors leave less, a hand or a table 9.8."""
-FARTHEST: Final = 2.0
-"""Metres from the centre of mass at which a sensor may sit, as standard deviation."""
-
-
-def unexplained_force(
-    force: Acceleration, time: Float[np.ndarray, " n"], rates: Float[np.ndarray, "n 3"]
-) -> float | None:
-    """Rms specific force beyond the best sensor place, m/s^2.
-
-    Without that of the best place of the sensor.
-    The force at r from the centre of mass is w' x r + w x (w x r), linear in r. None where fewer than four samples were taken.
-
-    Parameters
-    ----------
-    time, rates
-        Of the gyro, s and rad/s.
-    """
-    inside = (force.time >= time[0]) & (force.time <= time[-1])
-    if np.count_nonzero(inside) < 4 or len(time) < 4:
-        return None
-    stamps, measured = force.time[inside], force.values[inside]
-    slope = np.gradient(rates, time, axis=0)
-    rate, acceleration = (
-        np.column_stack([np.interp(stamps, time, column) for column in each.T]) for each in (rates, slope)
-    )
-    design = (cross_matrix(acceleration) + cross_matrix(rate) @ cross_matrix(rate)).reshape(-1, 3)
-    prior = np.eye(3) * (LARGEST_FORCE / FARTHEST) ** 2
-    place = np.linalg.solve(design.T @ design + prior, design.T @ measured.reshape(-1))
-    left = measured.reshape(-1) - design @ place
-    return float(np.sqrt(np.mean(left.reshape(-1, 3) ** 2) * 3))

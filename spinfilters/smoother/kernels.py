@@ -18,7 +18,7 @@ _SIGNATURES = {
     "add_information_blocks": Signature("iiiiii" + "ppppp", ctypes.c_int),
     "eliminate_velocities": Signature("iiiiii" + "d" + "pppp", ctypes.c_longlong),
     "reduce_velocities": Signature("iiiiii" + "ppp", None),
-    "solve_velocities": Signature("ii" + "ppp", None),
+    "solve_velocities": Signature("iiiiii" + "pppppp", None),
     "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
     "root_of_rows": Signature("ii" + "p", ctypes.c_longlong),
 }

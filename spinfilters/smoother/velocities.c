@@ -258,14 +258,37 @@ void reduce_velocities(integer K, integer v, integer p, integer blocks, integer 
   }
 }
 
-/* Behind a solution of what remains: right [K][v] becomes L_k^-T (right_k - F_k out_k+1). */
-void solve_velocities(integer K, integer v, const double* L, const double* F, double* right) {
+/* Sum of x_j step_j over the columns low .. high. */
+static double product(const double* x, const double* step, integer low, integer high) {
+  lanes sums[2] = {{0}, {0}};
+  double sum = 0;
+  integer j = low;
+  for (; j + 2 * LANES <= high; j += 2 * LANES) {
+    sums[0] += *(const loose*)(x + j) * *(const loose*)(step + j);
+    sums[1] += *(const loose*)(x + j + LANES) * *(const loose*)(step + j + LANES);
+  }
+  for (; j < high; ++j) sum += x[j] * step[j];
+  sums[0] += sums[1];
+  for (int l = 0; l < LANES; ++l) sum += sums[0][l];
+  return sum;
+}
+
+/* Behind a solution of what remains, step [n]: out [K][v] = L_k^-T (y_k - X_k step - F_k out_k+1), X_k [v][n + 1] with y_k as its last
+ * column. X_k is zero outside of what `reduce_velocities` takes of it. */
+void solve_velocities(integer K, integer v, integer p, integer blocks, integer n, integer reach, const integer* begin,
+                      const double* X, const double* L, const double* F, const double* step, double* out) {
+  const integer tail = blocks * p;
   /* backwards, as each epoch depends on the one behind it */
   for (integer k = K - 1; k >= 0; --k) {
-    const double *T = L + k * v * v, *f = F + k * v * v, *after = right + (k + 1) * v;
-    double* x = right + k * v;
+    const double *T = L + k * v * v, *f = F + k * v * v, *after = out + (k + 1) * v;
+    const integer end = k + 2 > reach ? k + 2 : reach, low = begin[k] * p, high = (end < blocks ? end : blocks) * p;
+    double* x = out + k * v;
+    for (integer a = 0; a < v; ++a) {
+      const double* row = X + (k * v + a) * (n + 1);
+      x[a] = row[n] - product(row, step, low, high) - product(row, step, tail, n);
+    }
     if (k + 1 < K)
-      /* right_k -= F_k out_k+1. */
+      /* less F_k out_k+1 */
       for (integer a = 0; a < v; ++a)
         for (integer b = 0; b < v; ++b) x[a] -= f[a * v + b] * after[b];
     /* Back substitution by L_k'. */

@@ -6,8 +6,14 @@ import pytest
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
-from spinfilters.run.flight_windows import inertia_tensor, momentum_change, rotation_history
-from spinfilters.run.free_flight import find_flights, gyro_flights, unexplained_force
+from spinfilters.run.free_flight import find_flights
+from spinfilters.run.gyro_flights import (
+    gyro_flights,
+    inertia_tensor,
+    momentum_change,
+    rotation_history,
+    unexplained_force,
+)
 from tests.run.throws import FLIGHTS, INTERVAL, MOMENTS, Carried, carried
 
 

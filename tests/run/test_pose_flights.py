@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 import spinfilters
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.run.flight_windows import PoseLog, acceleration_of, leads_on, pose_flights, turns_on
 from spinfilters.run.free_flight import find_flights, flying_unit
+from spinfilters.run.pose_flights import PoseLog, acceleration_of, leads_on, pose_flights, turns_on
 from spinfilters.run.readers import read_dataset
 from tests.run.throws import FLIGHTS, INTERVAL, carried
 
