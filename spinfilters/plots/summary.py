@@ -160,6 +160,8 @@ def _quantile(bodies: BodyHistory, index: int, sigmas: float, share: float, othe
 
 FOOTER_WIDTH, HEADLINE_WIDTH = 160, 105
 """Characters of a line below the panels, and of the bold one above them."""
+LONGEST_NAME = 10
+"""Characters of an estimator's name that leave the panels with bars their full width."""
 
 
 def summary_figure(
@@ -370,7 +372,7 @@ def _runtime_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Es
     axes.set_xlim(0.0, 1.4 * max(*runtimes, 1e-9))
     axes.invert_yaxis()
     axes.set_xlabel("[ms]")
-    axes.set_title("processor time per epoch, median", loc="left", fontsize="medium")
+    _title_bars(axes, "processor time per epoch, median", names)
     tidy(axes)
 
 
@@ -383,12 +385,22 @@ def _use_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Estima
     ends = [max(pair) for pair in zip(used, there, strict=True)]
     measured = axes.barh(names, ends, color=GREY, alpha=0.3, height=0.5)
     axes.barh(names, used, color=[line.color for line in lines], height=0.5)
-    axes.bar_label(measured, [_use_label(use) for use in uses], padding=4)
-    axes.set_xlim(0.0, 2.2 * max(*ends, 1e-9))
+    size, room = ("small", 2.5) if _are_long(names) else ("medium", 2.2)
+    axes.bar_label(measured, [_use_label(use) for use in uses], padding=4, fontsize=size)
+    axes.set_xlim(0.0, room * max(*ends, 1e-9))
     axes.invert_yaxis()
     axes.set_xlabel("[1/epoch]")
-    axes.set_title("observations used (grey: measured)", loc="left", fontsize="medium")
+    _title_bars(axes, "observations used (grey: measured)", names)
     tidy(axes)
+
+
+def _title_bars(axes: Axes, title: str, names: Sequence[str]) -> None:
+    """Title of a panel with a bar for each name; where long names leave it little width, above them, too."""
+    axes.set_title(title, loc="right" if _are_long(names) else "left", fontsize="medium")
+
+
+def _are_long(names: Sequence[str]) -> bool:
+    return max(map(len, names)) > LONGEST_NAME
 
 
 def _use_label(use: ObservationUse | None) -> str:
