@@ -354,12 +354,16 @@ def _magnitudes(
         time, rows = evaluation.history.time, extremes(std)
         axes.plot(time[rows], std[rows], color=BLACK, linewidth=0.9, linestyle=line.dashes)
     known = curves[0][1] is not None
-    top = max(finite_quantile(std if error is None else error, 0.98) for std, error in curves)
-    axes.set_ylim(0.0, 1.6 * top if top > 0 else 1.0)
+    handles = [*(line.handle for line in lines), *start_handle(initialisation_end(evaluations))]
+    shown = [std if error is None else error for std, error in curves]
+    top = max(finite_quantile(each, 0.98) for each in shown)
+    # single peaks stay below the legend, unless a filter's first epochs are far above all others
+    peak = min(max(finite_quantile(each, 1.0) for each in shown), 1.5 * top)
+    below_legend = 0.96 - 0.065 * -(-len(handles) // 2)
+    axes.set_ylim(0.0, max(1.6 * top, peak / max(below_legend, 0.3)) if top > 0 else 1.0)
     title = "length of the error (black: 1 σ)" if known else "uncertainty, 1 σ"
     axes.set_title(f"{quantity}: {title}", loc="left", fontsize="medium")
     axes.set_ylabel(f"{quantity} [{unit}]")
-    handles = [*(line.handle for line in lines), *start_handle(initialisation_end(evaluations))]
     axes.legend(handles=handles, frameon=False, fontsize="small", ncols=2, loc="upper right")
     tidy(axes)
 
