@@ -16,7 +16,7 @@ def chi_square_tail(value: Numbers, dof: Numbers) -> Numbers:
     from scipy.special import chdtrc, erfc
 
     positive = np.maximum(value, 0.0)
-    if not (isinstance(dof, int) and dof == 3):
+    if np.ndim(dof) or dof != 3:
         return chdtrc(dof, positive)
     # in closed form for the rows of a measurement of three components, of which there are ten thousands
     half = np.minimum(positive, MOST) / 2

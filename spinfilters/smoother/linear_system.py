@@ -245,8 +245,7 @@ def _in_c(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSi
         return False
     blocks = np.ascontiguousarray(blocks)
     counts = (len(blocks), both, len(tridiagonal[0]), *sizes)
-    if library.add_information_blocks(*counts, address(blocks), *map(address, (M, *tridiagonal))):
-        raise MemoryError("no memory to add what was measured")
+    library.add_information_blocks(*counts, address(blocks), *map(address, (M, *tridiagonal)))
     return True
 
 
