@@ -31,14 +31,25 @@ static void whiten(integer d, integer groups, integer q, double floor, const dou
 /* rows' rows of rows [d] of vectors [groups], as grams [w][w]. */
 static void gram(integer d, integer groups, integer w, const lanes* rows, double* grams) {
   const double* numbers = (const double*)rows;
-  /* row i of rows' rows, a vector of columns at a time; columns beyond w are cut off */
-  for (integer i = 0; i < w; ++i)
+  enum { SOME = 4 };
+  /* some rows of rows' rows, a vector of columns at a time; the last rows may be the same one several times */
+  for (integer i = 0; i < w; i += SOME) {
+    integer place[SOME];
+    for (int r = 0; r < SOME; ++r) place[r] = i + r < w ? i + r : w - 1;
     for (integer j = 0; j < groups; ++j) {
-      lanes sum = {0};
-      for (integer a = 0; a < d; ++a) sum += numbers[a * groups * LANES + i] * rows[a * groups + j];
-      integer left = w - j * LANES;
-      memcpy(grams + i * w + j * LANES, &sum, (left < LANES ? left : LANES) * sizeof(double));
+      lanes sums[SOME] = {{0}};
+      for (integer a = 0; a < d; ++a) {
+        const double* row = numbers + a * groups * LANES;
+        for (int r = 0; r < SOME; ++r) sums[r] += row[place[r]] * rows[a * groups + j];
+      }
+      for (int r = 0; r < SOME; ++r) {
+        double* to = grams + place[r] * w + j * LANES;
+        if ((j + 1) * LANES <= w) *(loose*)to = sums[r];
+        else /* columns beyond w are cut off */
+          for (integer l = 0; l < w - j * LANES; ++l) to[l] = sums[r][l];
+      }
     }
+  }
 }
 
 /* Whitened rows of K steps, [K][d][w]: errors of the d moving components here and there, of the c constants, and the defect; and
@@ -124,15 +135,22 @@ void add_information_blocks(integer count, integer both, integer K, integer p, i
   }
 }
 
-/* First block of p columns of X that has not faded below `faded` of its largest element so far, counted from `low` on. */
-static integer not_faded(const double* X, double* largest, double faded, integer v, integer p, integer low, integer last,
+/* First block of p columns of X that has not faded below `faded` of its largest element so far, counted from `low` on; top is room
+ * for a number of every column. */
+static integer not_faded(const double* X, double* largest, double* top, double faded, integer v, integer p, integer low, integer last,
                          integer high, integer width) {
   int fading = 1;
+  /* largest element of each column */
+  for (integer j = low * p; j < high * p; ++j) top[j] = 0;
+  for (integer a = 0; a < v; ++a)
+    for (integer j = low * p; j < high * p; ++j) {
+      const double size = fabs(X[a * width + j]);
+      top[j] = size > top[j] ? size : top[j];
+    }
   /* block m: its largest element here and so far; blocks are dropped in one unbroken run from `low`, up to before `last` */
   for (integer m = low; m < high; ++m) {
     double most = 0;
-    for (integer a = 0; a < v; ++a)
-      for (integer j = m * p; j < (m + 1) * p; ++j) most = fmax(most, fabs(X[a * width + j]));
+    for (integer j = m * p; j < (m + 1) * p; ++j) most = top[j] > most ? top[j] : most;
     if (most > largest[m]) largest[m] = most;
     if (fading && m < last && most <= faded * largest[m]) low = m + 1;
     else fading = 0;
@@ -146,7 +164,7 @@ static integer not_faded(const double* X, double* largest, double faded, integer
  * the first it feels. Returns the number of a block that is not positive definite plus 1, or 0. */
 integer eliminate_velocities(integer K, integer v, integer p, integer blocks, integer width, integer reach, double faded, double* D,
                         double* E, double* G, integer* begin) {
-  double* largest = (double*)calloc(blocks + 1, sizeof(double));
+  double *largest = (double*)calloc(blocks * (p + 1) + 1, sizeof(double)), *top = largest + blocks;
   if (largest == 0) return -1;
   integer low = 0, failed = 0, tail = blocks * p;
   /* epoch k forwards: less what epoch k - 1 leaves behind, its root L_k, then its coupling to what remains and to k + 1 */
@@ -184,7 +202,7 @@ integer eliminate_velocities(integer K, integer v, integer p, integer blocks, in
       }
     }
     begin[k] = low;
-    low = not_faded(X, largest, faded, v, p, low, k, last, width);
+    low = not_faded(X, largest, top, faded, v, p, low, k, last, width);
   }
   free(largest);
   return failed;
