@@ -6,7 +6,7 @@ SciPy reads it, once its elements are known to be whole: at some that are not, S
 import math
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,7 +41,8 @@ def matlab_variables(path: Path, content: bytes) -> Mapping[str, Any]:
     """
     from scipy.io import loadmat, whosmat
 
-    if _holds_objects_alone(_classes_of_mat(content)):
+    classes = _classes_of_mat(content)
+    if _OPAQUE in classes and set(classes) <= {_OPAQUE, _BYTES}:
         raise InputError(
             f"{path_text(path)}: holds objects, such as timetables, which MATLAB alone reads; save a table there with "
             "writetimetable(tt, 'run.csv'), or the numbers as arrays"
@@ -63,10 +64,6 @@ def require_size(path: Path, size: int) -> None:
         raise InputError(
             f"{path_text(path)}: unpacks to {size} bytes, at most {largest} are read; cut it into smaller files"
         )
-
-
-def _holds_objects_alone(classes: Sequence[int]) -> bool:
-    return _OPAQUE in classes and set(classes) <= {_OPAQUE, _BYTES}
 
 
 def _classes_of_mat(data: bytes) -> list[int]:
