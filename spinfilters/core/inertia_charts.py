@@ -97,6 +97,12 @@ def lichter_direction(moments: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarra
     return second / np.linalg.norm(second, axis=-1, keepdims=True)
 
 
+def log_ratios_of(moments: Float[np.ndarray, "3"] | tuple[float, float, float]) -> Float[np.ndarray, "2"]:
+    """k_1 and k_2 of principal moments in any order, the largest about x (Eq. 4.99)."""
+    low, middle, high = np.sort(moments)
+    return np.log([high / middle, middle / low])
+
+
 def moments_from_log_ratios(log_ratios: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
     """Principal moments, the second of them 1, of k_1 and k_2 (Eq. 4.99)."""
     k_1, k_2 = log_ratios[..., 0], log_ratios[..., 1]

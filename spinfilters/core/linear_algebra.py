@@ -1,6 +1,6 @@
 """Linear algebra of covariances: definiteness, roots, signs, normalised squares, LAPACK; and rows of long arrays."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -79,6 +79,13 @@ def normalised_square(
     ``rows`` are those rows of a covariance factor that belong to the error.
     """
     return normalised_trace(error[..., np.newaxis], rows)
+
+
+def normalised_squares_of(
+    error: Float[np.ndarray, "n k"], rows: Float[np.ndarray, "n k e"], parts: Sequence[slice]
+) -> Float[np.ndarray, "n parts"]:
+    """`normalised_square` of parts of errors, a column for each."""
+    return np.stack([normalised_square(error[:, part], rows[:, part]) for part in parts], axis=1)
 
 
 def normalised_trace(

@@ -106,9 +106,15 @@ def members_above(group: str, kind: type[Entry]) -> tuple[Entry, ...]:
     InputError
         As `installed_plugins`.
     """
-    own = _MEMBERS[group]()
+    return (*_own_members(_MEMBERS[group], kind), *installed_plugins(group, kind))
+
+
+@cache
+def _own_members(members: Callable[[], tuple[object, ...]], kind: type[Entry]) -> tuple[Entry, ...]:
+    """Members of the package, imported and looked at once: commands ask for them thousands of times."""
+    own = members()
     assert all(isinstance(entry, kind) for entry in own)
-    return (*own, *installed_plugins(group, kind))  # pyright: ignore[reportReturnType]
+    return own  # pyright: ignore[reportReturnType]
 
 
 def entries_of_kind(entries: Iterable[object], kind: type[Narrower]) -> tuple[Narrower, ...]:

@@ -146,7 +146,8 @@ def _late_logarithms(function: ca.Function) -> dict[int, tuple[int, int]]:
 
     They are left to the loop that writes the outputs: no vector instructions are made of a loop that calls a function.
     """
-    if not function.is_a("SXFunction"):
+    every = range(function.n_instructions()) if function.is_a("SXFunction") else ()
+    if all(function.instruction_id(k) != ca.OP_LOG for k in every):
         return {}
     written: dict[int, int] = {}  # work number -> the logarithm that is in it
     found: dict[int, list[int]] = {}  # logarithm -> instructions that read it

@@ -100,19 +100,19 @@ def program_texts(options: EmbedOptions, start: StartState) -> dict[str, str]:
     begin = [
         f"/* Where the filter begins: {start.source}. In frame g; see README.md for the places of x. */",
         f'#define START_COLUMNS "{columns}"',
-        _array("start_x", start.mean),
+        c_array("start_x", start.mean),
         "/* Covariance of the error, row by row. */",
-        _array("start_covariance", start.covariance),
+        c_array("start_covariance", start.covariance),
         f"/* Densities of the disturbances: of a force, (m/s^2)^2/Hz{unused}; of a torque over the inertia, (rad/s^2)^2/Hz. */",
-        _array("start_psd", np.array(start.densities)),
+        c_array("start_psd", np.array(start.densities)),
         f"/* Noise of the sensor, as its update takes it (spinfilter.h); {ours}. */",
-        _array("start_parameters", sensor.example),
+        c_array("start_parameters", sensor.example),
     ]
     recorded = [
         f"/* A simulated recording ({sensor.name}) of a body that the start state describes; an epoch each {interval:.6g} s. */",
         f"#define RECORDING_EPOCHS {EPOCHS}",
         f"#define RECORDING_INTERVAL {interval:.9g}",
-        _array("recording", values),
+        c_array("recording", values),
     ]
     return {"start_state.h": "\n".join(begin) + "\n", "recording.h": "\n".join(recorded) + "\n"}
 
@@ -168,8 +168,8 @@ def _columns(symbol: str, size: int) -> list[str]:
     return [symbol + end for end in ends[:size]]
 
 
-def _array(name: str, array: Float[np.ndarray, "..."]) -> str:
+def c_array(name: str, array: Float[np.ndarray, "..."], cast: str = "(sf_real)") -> str:
     """A constant array of C, six numbers a line."""
-    numbers = [f"(sf_real){value:.17g}" for value in np.asarray(array, dtype=float).ravel()]
+    numbers = [f"{cast}{value:.17g}" for value in np.asarray(array, dtype=float).ravel()]
     rows = [", ".join(numbers[k : k + 6]) for k in range(0, len(numbers), 6)]
     return f"static const sf_real {name}[] = {{\n  " + ",\n  ".join(rows) + "};"

@@ -10,7 +10,13 @@ from jaxtyping import Float, Int
 from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.emitted_sensors import EmittedSensor
-from spinfilters.embedded.first_program import StartState, operation_counts, program_texts, with_licence
+from spinfilters.embedded.first_program import (
+    StartState,
+    c_array,
+    operation_counts,
+    program_texts,
+    with_licence,
+)
 from spinfilters.embedded.library import library_texts, template
 from spinfilters.filters.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.filters.outlier_rejection import RobustOptions, gate
@@ -291,10 +297,7 @@ class TestVectors:
         """``test_vectors.h``."""
         lines = ["/* Generated from the Python reference. */", f"#define EPOCHS {EPOCHS}"]
         lines.append(f"#define INTERVAL {INTERVAL}")
-        for name, array in self.arrays.items():
-            numbers = [f"{value:.17g}" for value in np.asarray(array, dtype=float).ravel()]
-            rows = [", ".join(numbers[k : k + 6]) for k in range(0, len(numbers), 6)]
-            lines.append(f"static const sf_real vector_{name}[] = {{\n  " + ",\n  ".join(rows) + "};")
+        lines += [c_array(f"vector_{name}", array, cast="") for name, array in self.arrays.items()]
         return "\n".join(lines) + "\n"
 
 

@@ -19,6 +19,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import (
     by_stretches,
     normalised_square,
+    normalised_squares_of,
     normalised_trace,
     regular_factors,
 )
@@ -177,7 +178,7 @@ def normalised_errors(
         parts = {b: layout.slice(b) for b in layout.blocks}
         if moved is None:
             parts["total"] = slice(0, layout.error_dim)
-        columns = (squares_of or _squares)(away, factor, list(parts.values())).T
+        columns = (squares_of or normalised_squares_of)(away, factor, list(parts.values())).T
         found = dict(zip(parts, columns, strict=True))
         return found if moved is None else found | {"total": _least_square(away, factor, moved[part])}
 
@@ -189,12 +190,6 @@ def normalised_errors(
 def _as_slice(rows: Int[np.ndarray, " n"]) -> slice | Int[np.ndarray, " n"]:
     """Ascending rows as a slice where none is left out: no array is copied."""
     return slice(rows[0], rows[-1] + 1) if rows[-1] - rows[0] == len(rows) - 1 else rows
-
-
-def _squares(
-    error: Float[np.ndarray, "n k"], factor: Float[np.ndarray, "n k e"], parts: Sequence[slice]
-) -> Float[np.ndarray, "n parts"]:
-    return np.stack([normalised_square(error[:, part], factor[:, part]) for part in parts], axis=1)
 
 
 def _comparable_epochs(

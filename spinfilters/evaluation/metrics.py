@@ -7,7 +7,7 @@ whose arrays have an axis of runs in front: their formulas count axes from the l
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from functools import cached_property
@@ -406,15 +406,22 @@ def _parts(quantity: str, read: Callable[[np.ndarray], float]) -> ValueOf:
     return value
 
 
-def _within(quantity: str, read: Callable[[np.ndarray], np.ndarray]) -> ValueOf:
-    """Half widths of intervals after the last epoch; None where one Gaussian says it."""
+def _of_quantity(
+    mapping: Callable[[Evaluation], Mapping[str, Any] | None], quantity: str, read: Callable[[Any], Any]
+) -> ValueOf:
+    """What is read of one quantity after the last epoch, of a mapping by quantity; None where that does not hold it."""
 
     def value(span: EpochSpan) -> Any:
-        """Of a component at all levels, or of all components at one."""
-        found = (span.evaluation.intervals or {}).get(quantity)
+        """None without the mapping, too."""
+        found = (mapping(span.evaluation) or {}).get(quantity)
         return None if found is None else read(found)
 
     return value
+
+
+def _within(quantity: str, read: Callable[[np.ndarray], np.ndarray]) -> ValueOf:
+    """Half widths of intervals, of a component at all levels or of all components at one; None where one Gaussian says it."""
+    return _of_quantity(lambda evaluation: evaluation.intervals, quantity, read)
 
 
 def _nees_metric(block: StateBlock) -> Metric:
@@ -440,13 +447,7 @@ def _distance_metrics(quantity: str) -> tuple[Metric, ...]:
 
     def distance(read: Callable[[PosteriorDistance], float]) -> ValueOf:
         """None without a posterior."""
-
-        def value(span: EpochSpan) -> Any:
-            """After the last epoch."""
-            found = (span.evaluation.distances or {}).get(quantity)
-            return None if found is None else read(found)
-
-        return value
+        return _of_quantity(lambda evaluation: evaluation.distances, quantity, read)
 
     label = LABELS[quantity]
     # fmt: off

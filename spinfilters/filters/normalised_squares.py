@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
 from spinfilters.core.compiled import address
-from spinfilters.core.linear_algebra import normalised_square
+from spinfilters.core.linear_algebra import normalised_squares_of
 
 
 def normalised_squares(
@@ -42,7 +42,7 @@ def normalised_squares(
         given = (address(errors), address(factors), len(parts), *map(address, (begin, end, found)))
         if library.normalised_squares(items, n, columns, *given):
             return found
-    return np.stack([normalised_square(error[:, part], factor[:, part]) for part in parts], axis=1)
+    return normalised_squares_of(error, factor, parts)
 
 
 @cache

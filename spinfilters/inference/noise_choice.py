@@ -65,6 +65,8 @@ def least_density(log: MeasurementLog) -> float:
 
 def _regular(noise: ProcessNoise, log: MeasurementLog) -> ProcessNoise:
     """Densities without zeros."""
+    if all(noise.densities.values()):
+        return noise
     least = least_density(log)
     return ProcessNoise(**{name: psd or least for name, psd in noise.densities.items()})
 

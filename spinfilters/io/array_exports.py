@@ -2,9 +2,7 @@
 
 import math
 import re
-import struct
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,7 +18,6 @@ from spinfilters.io.document import read_yaml_rows
 from spinfilters.io.headings import is_clock, is_of_motion
 from spinfilters.io.input_file import (
     MAX_TABLE_ROWS,
-    ignored_warnings,
     path_text,
     printable,
     read_bytes,
@@ -29,6 +26,15 @@ from spinfilters.io.input_file import (
     value_text,
 )
 from spinfilters.io.json_tables import chosen_table, parsed_json
+from spinfilters.io.matlab_file import (
+    DEEPEST_GROUP,
+    LARGEST,
+    arrays_of_structures,
+    matlab_variables,
+    modelica_result,
+    require_size,
+    with_one_clock,
+)
 from spinfilters.io.memory_tables import array_columns
 from spinfilters.io.motion_file import bare_quantity, motion_dataset
 from spinfilters.io.motion_table import motion_of
@@ -36,10 +42,6 @@ from spinfilters.io.named_columns import ArrayColumns
 from spinfilters.io.stated_values import ReadingOptions
 from spinfilters.io.unnamed_columns import how_to_name
 
-LARGEST: Final = 2 * 1024**3
-"""Bytes of a file, and of the numbers in it."""
-SMALL, LARGEST_RATIO = 64 << 20, 100
-"""A packed file may unpack to so many bytes more than so many times its size: arrays of zeros shrink further, measurements less."""
 MATLAB_HDF5: Final = b"MATLAB 7.3 MAT-file"
 """First bytes of a .mat that is HDF5."""
 YAML: Final = (".yaml", ".yml")
@@ -75,7 +77,7 @@ def _npz(path: Path, stated: Sequence[str]) -> ArrayColumns:
     """Arrays of an .npz. InputError: objects in it, or more numbers than are read."""
     with _refused_if_damaged(path, "is no .npz of plain arrays", "save it with numpy.savez"):
         with zipfile.ZipFile(path) as archive:
-            _require_size(path, sum(member.file_size for member in archive.infolist()))
+            require_size(path, sum(member.file_size for member in archive.infolist()))
             for member in archive.infolist():
                 if member.filename.endswith(".npy"):
                     _require_whole(archive, member)
@@ -112,38 +114,15 @@ def _require_numbers(stream: IO[bytes], size: int) -> None:
 
 def _mat(path: Path, stated: Sequence[str]) -> ArrayColumns:
     """Arrays of a .mat of any version, and those of its structures by name."""
-    from scipy.io import loadmat, whosmat
-
     content = read_bytes(path, LARGEST)
     if content.startswith(MATLAB_HDF5):
         return _hdf5(path, stated)
     with _refused_if_damaged(path, "is no whole .mat", "save it in MATLAB with save(..., '-v7')"):
-        if _holds_objects_alone(_classes_of_mat(content)):
-            raise InputError(
-                f"{path_text(path)}: holds objects, such as timetables, which MATLAB alone reads; save a table there with "
-                "writetimetable(tt, 'run.csv'), or the numbers as arrays"
-            )
-        with ignored_warnings(UserWarning):
-            variables = whosmat(path)
-            if any(min(shape, default=0) < 0 for _, shape, _ in variables):
-                raise ValueError("an array states a negative number of rows")
-            if len({name for name, _, _ in variables}) < len(variables):
-                raise ValueError("a variable stands twice")
-            _require_size(path, sum(8 * math.prod(shape) for _, shape, _ in variables))
-            held = loadmat(path, simplify_cells=True)
-        variables = _modelica(held)
+        held = matlab_variables(path, content)
+        variables = modelica_result(held)
     if variables is not None:
         return array_columns(variables, path)
-    return _columns_of(path, _by_last_name(_with_one_clock(_flat(held))), stated)
-
-
-def _with_one_clock(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-    """Arrays, of timeseries that all have the same times one clock for all of them."""
-    own = {name: array for name, array in arrays.items() if name.rpartition(".")[2] in ("Time", "time")}
-    times = [np.ravel(array) for array in own.values()]
-    if len(own) < 2 or not all(np.array_equal(each, times[0]) for each in times[1:]):
-        return arrays
-    return {"Time": times[0], **{name: array for name, array in arrays.items() if name not in own}}
+    return _columns_of(path, _by_last_name(with_one_clock(arrays_of_structures(held))), stated)
 
 
 def _by_last_name(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
@@ -167,7 +146,7 @@ def _hdf5(path: Path, stated: Sequence[str]) -> ArrayColumns:
     is_matlab = path.suffix.lower() == ".mat"
     with _refused_if_damaged(path, "is no whole HDF5 file", "save it again"), h5py.File(path, "r") as file:
         sets = _number_sets(file)
-        _require_size(path, sum(8 * each.size for each in sets.values()))
+        require_size(path, sum(8 * each.size for each in sets.values()))
         arrays = {
             f"{name}{_stated_order(each)}{_stated_unit(each)}": np.asarray(each[()])
             for name, each in sets.items()
@@ -232,170 +211,11 @@ def _number_sets(group: Any, before: str = "") -> dict[str, Any]:
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue  # "#refs#" holds the cells of MATLAB
         held, kind = group[name], group.get(name, getclass=True)
-        if kind is h5py.Group and before.count(".") < _DEEPEST_GROUP:
+        if kind is h5py.Group and before.count(".") < DEEPEST_GROUP:
             found |= _number_sets(held, f"{before}{name}.")
         elif kind is h5py.Dataset and (held.dtype.kind in "iuf" or held.dtype.names) and held.shape:
             is_text = bytes(held.attrs.get("MATLAB_class", b"")) == b"char"
             found |= {} if held.is_virtual or held.external or is_text else {f"{before}{name}": held}
-    return found
-
-
-_DEEPEST_GROUP: Final = 3
-_DEEPEST: Final = 20
-"""Cells and structures of a .mat within one another."""
-_MATRIX, _COMPRESSED = 14, 15
-_DATA_TYPES: Final = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _MATRIX, 16, 17, 18})
-
-
-_OPAQUE, _BYTES = 17, 9
-"""Classes of an object, and of the array without a name in which MATLAB keeps what objects hold."""
-
-
-def _holds_objects_alone(classes: Sequence[int]) -> bool:
-    return _OPAQUE in classes and set(classes) <= {_OPAQUE, _BYTES}
-
-
-def _classes_of_mat(data: bytes) -> list[int]:
-    """Classes of the variables of a .mat.
-
-    ValueError: elements that are cut off, unknown or nested too deep, at which SciPy's reader crashes.
-    """
-    if 0 in data[:4]:  # version 4 has no elements
-        return []
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None:
-        raise ValueError("it begins otherwise")
-    return _sound_elements(memoryview(data)[128:], order, 0)
-
-
-def _sound_elements(data: memoryview, order: str, depth: int) -> list[int]:
-    """Classes of the arrays among elements, each a type, a size and a body; small ones keep both in four bytes, the size first."""
-    if depth > _DEEPEST:
-        raise ValueError(f"more than {_DEEPEST} cells or structures lie within one another")
-    place, classes = 0, []
-    while place + 8 <= len(data):
-        kind, size = struct.unpack_from(f"{order}2I", data, place)
-        place += 8
-        if kind >> 16:  # a small element, whose body is within these eight bytes
-            kind, size, end = kind & 0xFFFF, kind >> 16, place
-            if size > 4:
-                raise ValueError(f"a small element states {size} bytes")
-        else:
-            end = place + size
-            if end > len(data):
-                raise ValueError("it is cut off")
-        body = data[place:end]
-        if kind == _COMPRESSED and depth == 0:
-            classes += _sound_elements(_unpacked(body, order), order, depth)
-        elif kind not in _DATA_TYPES:
-            raise ValueError(f"an element has the unknown type {kind}")
-        elif kind == _MATRIX:
-            _sound_elements(body, order, depth + 1)
-            if len(body) >= 12:  # behind the tag of its flags, whose lowest byte is the class
-                classes.append(struct.unpack_from(f"{order}I", body, 8)[0] & 0xFF)
-        place = end if kind == _COMPRESSED else end + (place - end) % 8
-    return classes
-
-
-def _unpacked(packed: memoryview, order: str) -> memoryview:
-    """The one element that a compressed one holds, whose first eight bytes state its size before memory is taken for it."""
-    unpacker, largest = zlib.decompressobj(), min(LARGEST, SMALL + LARGEST_RATIO * len(packed))
-    parts = (packed[place : place + _PART] for place in range(0, len(packed), _PART))
-    first = b""
-    while len(first) < 8 and (part := next(parts, None)) is not None:
-        first += unpacker.decompress(part)
-    if len(first) < 8:
-        raise ValueError("it is cut off")
-    kind, stated = struct.unpack_from(f"{order}2I", first)
-    size = 8 if kind >> 16 else 8 + stated  # a small element is within these eight bytes
-    if size > largest:
-        raise ValueError(f"it unpacks to {size} bytes, at most {largest} are read")
-    found = bytearray(size)
-    place = min(len(first), size)
-    found[:place] = first[:place]
-    while place < size and (part := next(parts, None)) is not None:
-        more = unpacker.decompress(part, size - place)
-        found[place : place + len(more)] = more
-        place += len(more)
-    rest = (unpacker.unconsumed_tail, *parts)  # the checksum of the whole, which zlib compares
-    if place < size or not (any(unpacker.decompress(part, 1) for part in rest) or unpacker.eof):
-        raise ValueError("it is cut off")
-    return memoryview(found)
-
-
-_PART: Final = 1 << 14
-"""Bytes that are unpacked at once, to a thousand times as many at most."""
-
-
-def _flat(held: Mapping[str, Any], before: str = "") -> dict[str, np.ndarray]:
-    """Arrays of variables and of structures, by their names with dots."""
-    found: dict[str, np.ndarray] = {}
-    for name, value in held.items():
-        if name.startswith("__"):
-            continue
-        if name == "signals" and (signals := _signals(value)):  # a structure with time of Simulink
-            found |= {f"{before}{label}": values for label, values in signals.items()}
-        elif isinstance(value, dict) and before.count(".") < _DEEPEST_GROUP:
-            found |= _flat(value, f"{before}{name}.")
-        elif (records := _fields_of_records(value)) and before.count(".") < _DEEPEST_GROUP:
-            found |= _flat(records, f"{before}{name}.")
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-            whole = f"{before}{name}".removesuffix(".signals.values")  # a structure with time of Simulink
-            found[whole.removesuffix(".Data") if "Time" in held else whole] = (
-                value  # a timeseries as a structure
-            )
-    return found
-
-
-def _fields_of_records(value: Any) -> dict[str, Any]:
-    """Fields of an array of structures as arrays, a row for each structure, of those with as many numbers in each."""
-    rows = (
-        list(value) if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim == 1) else []
-    )
-    if len(rows) < 2 or not all(isinstance(row, dict) and row.keys() == rows[0].keys() for row in rows):
-        return {}
-    fields: dict[str, Any] = {}
-    for name in rows[0]:
-        held = [row[name] for row in rows]
-        if all(isinstance(each, dict) for each in held):
-            fields[name] = held
-        elif len({np.shape(each) for each in held}) == 1 and np.ndim(held[0]) < 2:
-            fields[name] = np.array(held)
-    return fields
-
-
-def _signals(value: Any) -> dict[str, np.ndarray]:
-    """Values of the signals of Simulink by their labels, of those that have one."""
-    signals = list(value) if isinstance(value, list | np.ndarray) else [value]
-    return {
-        each["label"].strip("<>"): np.asarray(each["values"])
-        for each in signals
-        if isinstance(each, dict)
-        and isinstance(each.get("label"), str)
-        and each["label"]
-        and "values" in each
-    }
-
-
-def _modelica(held: Mapping[str, Any]) -> dict[str, np.ndarray] | None:
-    """Variables over time in a result of Modelica, by their names; None of another .mat.
-
-    Column k of ``dataInfo`` says of variable k in which array it is, and in which row of that. Rows count from 1, and a minus
-    says that the variable has the other sign. Array 2 holds what varies; its row 1 is the time.
-    """
-    if not {"Aclass", "name", "dataInfo", "data_2"} <= held.keys():
-        return None
-    names, info, data = held["name"], np.asarray(held["dataInfo"]), np.asarray(held["data_2"])
-    if str(np.ravel(held["Aclass"])[-1]).strip() == "binNormal":  # all arrays are kept the other way round
-        info, data = info.T, data.T
-    else:
-        width = max(map(len, names), default=0)  # letters of a name stand below one another
-        names = ["".join(row[k] for row in names if k < len(row)) for k in range(width)]
-    found = {}
-    for k, name in enumerate(names):
-        block, place = int(info[0, k]), int(info[1, k])
-        if block in (0, 2) and 1 <= abs(place) <= len(data):
-            found[name.strip()] = np.sign(place) * data[abs(place) - 1]
     return found
 
 
@@ -410,7 +230,7 @@ def _netcdf(path: Path, stated: Sequence[str]) -> ArrayColumns:
         _refused_if_damaged(path, "is no whole NetCDF file", "save it again"),
         netcdf_file(path, mmap=False) as file,
     ):
-        _require_size(path, sum(8 * math.prod(each.shape) for each in file.variables.values()))
+        require_size(path, sum(8 * math.prod(each.shape) for each in file.variables.values()))
         arrays = {f"{name}{_stated_unit(each)}": np.array(each.data) for name, each in file.variables.items()}
     arrays = {name: array.astype(array.dtype.newbyteorder("=")) for name, array in arrays.items()}
     return _columns_of(
@@ -429,7 +249,7 @@ def _feather(path: Path, stated: Sequence[str]) -> ArrayColumns:
     with _refused_if_damaged(path, "is no whole Feather file", "write it again"), ipc.open_file(path) as file:
         kept = [k for k, field in enumerate(file.schema) if _is_number(str(field.type))]
         table = file.read_all().select(kept)
-        _require_size(path, 8 * table.num_rows * len(kept))
+        require_size(path, 8 * table.num_rows * len(kept))
         arrays = {
             name: _numbers_of_column(column)
             for name, column in zip(table.column_names, table.columns, strict=True)
@@ -458,7 +278,7 @@ def _parquet(path: Path, stated: Sequence[str]) -> ArrayColumns:
                     f"{path_text(path)}: has {file.metadata.num_rows} rows, at most {MAX_TABLE_ROWS} are read; "
                     "cut it into smaller files"
                 )
-            _require_size(path, 8 * file.metadata.num_rows * len(names))
+            require_size(path, 8 * file.metadata.num_rows * len(names))
             table = file.read(columns=names)
         while any(str(field.type).startswith("struct<") for field in table.schema):
             table = table.flatten()
@@ -473,7 +293,7 @@ def _parquet(path: Path, stated: Sequence[str]) -> ArrayColumns:
 def _number_fields(fields: Any, before: str = "") -> Iterator[str]:
     """Names of the columns of numbers, and of the fields of numbers within columns of structures, with dots."""
     for field in fields:
-        if str(field.type).startswith("struct<") and before.count(".") < _DEEPEST_GROUP:
+        if str(field.type).startswith("struct<") and before.count(".") < DEEPEST_GROUP:
             yield from _number_fields(
                 [field.type.field(k) for k in range(field.type.num_fields)], f"{before}{field.name}."
             )
@@ -724,15 +544,6 @@ def _stated_columns(
     if not any(map(is_clock, kept)):
         kept |= {name: clock for name, clock in clocks.items() if len(clock) == len(array)}
     return array_columns(kept, path)
-
-
-def _require_size(path: Path, size: int) -> None:
-    """InputError: more bytes than are read, or than a file of its size can pack of measurements."""
-    largest = min(LARGEST, SMALL + LARGEST_RATIO * path.stat().st_size)
-    if size > largest:
-        raise InputError(
-            f"{path_text(path)}: unpacks to {size} bytes, at most {largest} are read; cut it into smaller files"
-        )
 
 
 _READERS: Final = {

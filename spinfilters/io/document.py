@@ -166,6 +166,11 @@ def read_xml(path: Path) -> ElementTree.Element:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, RecursionError, LookupError, ValueError) as error:
         raise InputError(f"{path_text(path)}: is not XML ({reason(error)}); export it again") from None
+    return without_name_spaces(root)
+
+
+def without_name_spaces(root: ElementTree.Element) -> ElementTree.Element:
+    """The element, its name and those of all within it without name spaces."""
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     return root

@@ -80,16 +80,12 @@ def table_of_topic(folder: Path) -> Path | None:
     found = {
         matched[2]: matched[1] for each in os.listdir(folder) if (matched := _ULOG_TABLE.fullmatch(each))
     }
-    logs = {_log_of(each) for each in os.listdir(folder) if each.endswith(".csv")}
+    # names of tables without the number of the instance of their topic
+    logs = {each.rpartition("_")[0] for each in os.listdir(folder) if each.endswith(".csv")}
     topic = next((name for name in TOPICS if name in found), None)
     if topic is None or not all(log.startswith(found[topic]) for log in logs):
         return None
     return folder / f"{found[topic]}_{topic}_0.csv"
-
-
-def _log_of(table: str) -> str:
-    """Name of a table without the number of the instance of its topic."""
-    return table.rpartition("_")[0]
 
 
 def _messages(path: Path, data: bytes) -> tuple[dict[str, str], dict[int, str], dict[int, list[bytes]]]:

@@ -94,6 +94,11 @@ def require_file(path: Path, max_bytes: int) -> int:
     return status.st_size
 
 
+def largest_unpacked(packed: int) -> int:
+    """Bytes that a packed file of so many bytes may unpack to: measurements shrink to a third, bombs to a thousandth."""
+    return (64 << 20) + 100 * packed
+
+
 def read_bytes(path: Path, max_bytes: int, may_be_empty: bool = False) -> bytes:
     """Content of a regular file of at most so many bytes.
 

@@ -230,18 +230,13 @@ def array_columns(columns: Mapping[Any, Any], path: Path = Path(TABLE)) -> Array
                 f"{path_text(path)}: has {len(array)} rows, at most {MAX_TABLE_ROWS} are read; cut it into smaller tables"
             )
         text = str(name)
-        if array.dtype.kind in "mM":
-            text = _clock_name(text)
+        if array.dtype.kind in "mM" and not is_clock(text):
+            text = f"{text} (s)"  # a column of dates is a clock
         names.append(text)
         arrays.append(array)
     if not names:
         raise InputError(f"{path_text(path)}: has no columns; give a clock and body rates, or poses")
     return ArrayColumns(path, tuple(names), tuple(arrays))
-
-
-def _clock_name(name: str) -> str:
-    """Name of a column of dates, by which it is recognised as a clock."""
-    return name if is_clock(name) else f"{name} (s)"
 
 
 def _without_mask(values: Any) -> np.ndarray:

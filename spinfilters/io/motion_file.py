@@ -96,7 +96,8 @@ def read_motion_file(path: Path, options: ReadingOptions) -> Dataset:
         return motion_dataset(path, path.name, read_motion_table(path, options, bare_quantity(path)))
     if (poses := read_transforms(path, options)) is not None:
         return motion_dataset(path, path.name, poses)
-    if _is_tum(_first_numbers(path)) and path.suffix.lower() not in _TABLES and _named(path) is None:
+    has_tum_columns = len(_first_numbers(path)) == len(TUM_COLUMNS)  # whatever the unit of the clock
+    if has_tum_columns and path.suffix.lower() not in _TABLES and _named(path) is None:
         options = replace(options, columns=",".join(("t", *_TUM_NAMES)))
     return motion_dataset(path, path.name, read_motion_table(path, options, bare_quantity(path)))
 
@@ -171,11 +172,6 @@ def _first_numbers(path: Path) -> tuple[float, ...]:
         return tuple(float(cell) for cell in first_text(path, _HEAD).partition("\n")[0].split())
     except ValueError:
         return ()
-
-
-def _is_tum(numbers: Sequence[float]) -> bool:
-    """Whether a line is one of the TUM format, whatever the unit of its clock."""
-    return len(numbers) == len(TUM_COLUMNS)
 
 
 def _named(path: Path) -> Sequence[str] | None:

@@ -165,22 +165,16 @@ class ArrayColumns:
 
 
 @dataclass(frozen=True)
-class RatesOfIncrements:
-    """Columns with the mean rate over each period, d / T, in the place of angles d by which the body turned in it.
+class _OfColumns:
+    """Columns that are made of others, of the same table.
 
     Attributes
     ----------
     source : NamedColumns
-        Its columns.
-    angles : tuple[int, ...]
-        Indices of the angles about x, y and z, rad.
-    period : int
-        Index of T, us.
+        The others.
     """
 
     source: NamedColumns
-    angles: tuple[int, ...]
-    period: int
 
     @property
     def path(self) -> Path:
@@ -188,15 +182,31 @@ class RatesOfIncrements:
         return self.source.path
 
     @property
+    def stated_rate(self) -> float | None:
+        """See `NamedColumns.stated_rate`."""
+        return self.source.stated_rate
+
+
+@dataclass(frozen=True)
+class RatesOfIncrements(_OfColumns):
+    """Columns with the mean rate over each period, d / T, in the place of angles d by which the body turned in it.
+
+    Attributes
+    ----------
+    angles : tuple[int, ...]
+        Indices of the angles about x, y and z, rad.
+    period : int
+        Index of T, us.
+    """
+
+    angles: tuple[int, ...]
+    period: int
+
+    @property
     def names(self) -> tuple[str, ...]:
         """See `NamedColumns.names`."""
         called = dict(zip(self.angles, ("omega_x", "omega_y", "omega_z"), strict=True))
         return tuple(called.get(k, name) for k, name in enumerate(self.source.names))
-
-    @property
-    def stated_rate(self) -> float | None:
-        """See `NamedColumns.stated_rate`."""
-        return self.source.stated_rate
 
     @property
     def takes_names(self) -> bool:
@@ -223,29 +233,16 @@ class RatesOfIncrements:
 
 
 @dataclass(frozen=True)
-class RenamedColumns:
+class RenamedColumns(_OfColumns):
     """Columns under other names, as many as they are.
 
     Attributes
     ----------
-    source : NamedColumns
-        Its columns.
     names : tuple[str, ...]
         See `NamedColumns.names`; empty of columns that are not wanted.
     """
 
-    source: NamedColumns
     names: tuple[str, ...]
-
-    @property
-    def path(self) -> Path:
-        """See `NamedColumns.path`."""
-        return self.source.path
-
-    @property
-    def stated_rate(self) -> float | None:
-        """See `NamedColumns.stated_rate`."""
-        return self.source.stated_rate
 
     @property
     def takes_names(self) -> bool:
@@ -263,34 +260,21 @@ class RenamedColumns:
 
 
 @dataclass(frozen=True)
-class OneOfSeveral:
+class OneOfSeveral(_OfColumns):
     """Rows of the first of several sensors that one table has in turn, by a column with their number.
 
     Attributes
     ----------
-    source : NamedColumns
-        Its columns.
     number : int
         Index of the column.
     """
 
-    source: NamedColumns
     number: int
-
-    @property
-    def path(self) -> Path:
-        """See `NamedColumns.path`."""
-        return self.source.path
 
     @property
     def names(self) -> tuple[str, ...]:
         """See `NamedColumns.names`."""
         return self.source.names
-
-    @property
-    def stated_rate(self) -> float | None:
-        """See `NamedColumns.stated_rate`."""
-        return self.source.stated_rate
 
     @property
     def takes_names(self) -> bool:

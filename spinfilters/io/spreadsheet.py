@@ -11,10 +11,10 @@ from xml.etree import ElementTree
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.input_file import MAX_TABLE_BYTES, path_text, reason, require_file
+from spinfilters.io.document import without_name_spaces
+from spinfilters.io.input_file import MAX_TABLE_BYTES, largest_unpacked, path_text, reason, require_file
 from spinfilters.io.motion_file import read_motion_file
 from spinfilters.io.stated_values import ReadingOptions
-from spinfilters.io.zip_export import LARGEST_RATIO, SMALL
 
 _SHEET: Final = re.compile(r"xl/worksheets/sheet(\d+)\.xml")
 _STRINGS: Final = "xl/sharedStrings.xml"
@@ -53,10 +53,8 @@ def _sheets(path: Path) -> Iterator[tuple[int, list[list[str]]]]:
     try:
         with zipfile.ZipFile(path) as archive:
             numbers = sorted(int(m[1]) for name in archive.namelist() if (m := _SHEET.fullmatch(name)))
-            if (
-                sum(each.file_size for each in archive.infolist())
-                > SMALL + LARGEST_RATIO * path.stat().st_size
-            ):
+            unpacked = sum(each.file_size for each in archive.infolist())
+            if unpacked > largest_unpacked(path.stat().st_size):
                 raise InputError(f"{path_text(path)}: holds too much; save its sheet as CSV")
             strings = _strings(archive) if _STRINGS in archive.namelist() else []
             for number in numbers:
@@ -73,10 +71,7 @@ def _root(data: bytes) -> ElementTree.Element:
     """Root of a part, its names without name spaces. ValueError: a document type, whose entities could unpack to any size."""
     if b"\0" in data or b"<!DOCTYPE" in data.upper():
         raise ValueError("it has a document type")
-    root = ElementTree.fromstring(data)
-    for element in root.iter():
-        element.tag = str(element.tag).rpartition("}")[2]
-    return root
+    return without_name_spaces(ElementTree.fromstring(data))
 
 
 def _strings(archive: zipfile.ZipFile) -> list[str]:

@@ -6,11 +6,9 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.input_file import MAX_TABLE_BYTES, path_text, reason, require_file
+from spinfilters.io.input_file import MAX_TABLE_BYTES, largest_unpacked, path_text, reason, require_file
 
 MOST_MEMBERS: Final = 1000
-SMALL, LARGEST_RATIO = 64 << 20, 100
-"""Bounds of what an archive unpacks to: tables shrink to a third when packed, a bomb to a thousandth."""
 _READ = (".csv", ".tsv", ".txt", ".tum", ".toml")
 _CHUNK = 1024**2
 
@@ -53,7 +51,7 @@ def _unpack(path: Path, place: Path) -> Path:
     """Write the tables of an archive, by their file names, into a folder; returns that."""
     with zipfile.ZipFile(path) as archive:
         members = [m for m in archive.infolist() if _is_table(m)]
-        allowed = min(MAX_TABLE_BYTES, SMALL + LARGEST_RATIO * path.stat().st_size)
+        allowed = min(MAX_TABLE_BYTES, largest_unpacked(path.stat().st_size))
         if len(members) > MOST_MEMBERS or sum(m.file_size for m in members) > allowed:
             raise InputError(
                 f"{path_text(path)}: holds too much; unpack it and give the folder of one recording"

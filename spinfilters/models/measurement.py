@@ -434,7 +434,7 @@ class MeasurementModel(ABC):
         away = self.innovation(self.symbolic(state, parameters), measured)
         jacobian = error_derivative(away, e)
         function = ca.Function(f"{self.name.replace('-', '_')}_by_error", [x, p], [row_by_row(jacobian)])
-        return Compiled.late(function)
+        return Compiled(function)
 
     @built_property
     def reads_attitude(self) -> bool:

@@ -79,6 +79,15 @@ def acceleration_constants(state: Mapping[str, Expression]) -> dict[str, Express
     return {term: state.get(block.symbol) for term, block in ACCELERATION_TERMS.items()}
 
 
+def runge_kutta_step(rate: Callable[[Expression], Expression], y: Expression, h: Expression) -> Expression:
+    """y after h of y' = rate(y), by a step of Runge-Kutta 4."""
+    k1 = rate(y)
+    k2 = rate(y + h / 2 * k1)
+    k3 = rate(y + h / 2 * k2)
+    k4 = rate(y + h * k3)
+    return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
 SHARED = {"cse": True}
 """Expressions that occur again are evaluated once, to the same bits."""
 
@@ -188,11 +197,7 @@ class RotationSubsteps:
         return ca.Function("substep", [y, p, h], [self._runge_kutta(y, p, h)], SHARED)
 
     def _runge_kutta(self, y: Expression, p: Expression, h: Expression) -> Expression:
-        k1 = self._rotation_rate(y, p)
-        k2 = self._rotation_rate(y + h / 2 * k1, p)
-        k3 = self._rotation_rate(y + h / 2 * k2, p)
-        k4 = self._rotation_rate(y + h * k3, p)
-        after = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        after = runge_kutta_step(lambda at: self._rotation_rate(at, p), y, h)
         return ca.vertcat(normalised(after[:4]), after[4:7])
 
     def _rotation_rate(self, y: Expression, p: Expression) -> Expression:

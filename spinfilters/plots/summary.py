@@ -160,6 +160,8 @@ def _quantile(bodies: BodyHistory, index: int, sigmas: float, share: float, othe
 
 FOOTER_WIDTH, HEADLINE_WIDTH = 160, 105
 """Characters of a line below the panels, and of the bold one above them."""
+LONGEST_NAME = 10
+"""Characters of an estimator's name that leave the panels with bars their full width."""
 
 
 def summary_figure(
@@ -352,12 +354,16 @@ def _magnitudes(
         time, rows = evaluation.history.time, extremes(std)
         axes.plot(time[rows], std[rows], color=BLACK, linewidth=0.9, linestyle=line.dashes)
     known = curves[0][1] is not None
-    top = max(finite_quantile(std if error is None else error, 0.98) for std, error in curves)
-    axes.set_ylim(0.0, 1.6 * top if top > 0 else 1.0)
+    handles = [*(line.handle for line in lines), *start_handle(initialisation_end(evaluations))]
+    shown = [std if error is None else error for std, error in curves]
+    top = max(finite_quantile(each, 0.98) for each in shown)
+    # single peaks stay below the legend, unless a filter's first epochs are far above all others
+    peak = min(max(finite_quantile(each, 1.0) for each in shown), 1.5 * top)
+    below_legend = 0.96 - 0.065 * -(-len(handles) // 2)
+    axes.set_ylim(0.0, max(1.6 * top, peak / max(below_legend, 0.3)) if top > 0 else 1.0)
     title = "length of the error (black: 1 σ)" if known else "uncertainty, 1 σ"
     axes.set_title(f"{quantity}: {title}", loc="left", fontsize="medium")
     axes.set_ylabel(f"{quantity} [{unit}]")
-    handles = [*(line.handle for line in lines), *start_handle(initialisation_end(evaluations))]
     axes.legend(handles=handles, frameon=False, fontsize="small", ncols=2, loc="upper right")
     tidy(axes)
 
@@ -370,7 +376,7 @@ def _runtime_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Es
     axes.set_xlim(0.0, 1.4 * max(*runtimes, 1e-9))
     axes.invert_yaxis()
     axes.set_xlabel("[ms]")
-    axes.set_title("processor time per epoch, median", loc="left", fontsize="medium")
+    _title_bars(axes, "processor time per epoch, median", names)
     tidy(axes)
 
 
@@ -383,12 +389,22 @@ def _use_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Estima
     ends = [max(pair) for pair in zip(used, there, strict=True)]
     measured = axes.barh(names, ends, color=GREY, alpha=0.3, height=0.5)
     axes.barh(names, used, color=[line.color for line in lines], height=0.5)
-    axes.bar_label(measured, [_use_label(use) for use in uses], padding=4)
-    axes.set_xlim(0.0, 2.2 * max(*ends, 1e-9))
+    size, room = ("small", 2.5) if _are_long(names) else ("medium", 2.2)
+    axes.bar_label(measured, [_use_label(use) for use in uses], padding=4, fontsize=size)
+    axes.set_xlim(0.0, room * max(*ends, 1e-9))
     axes.invert_yaxis()
     axes.set_xlabel("[1/epoch]")
-    axes.set_title("observations used (grey: measured)", loc="left", fontsize="medium")
+    _title_bars(axes, "observations used (grey: measured)", names)
     tidy(axes)
+
+
+def _title_bars(axes: Axes, title: str, names: Sequence[str]) -> None:
+    """Title of a panel with a bar for each name; where long names leave it little width, above them, too."""
+    axes.set_title(title, loc="right" if _are_long(names) else "left", fontsize="medium")
+
+
+def _are_long(names: Sequence[str]) -> bool:
+    return max(map(len, names)) > LONGEST_NAME
 
 
 def _use_label(use: ObservationUse | None) -> str:

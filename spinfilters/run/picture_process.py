@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from multiprocessing import Pipe
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -27,14 +26,15 @@ from spinfilters.inference.setup import Setup
 from spinfilters.io.output_files import write_bytes
 from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.state_layout import StateLayout
-from spinfilters.plots.figures import FigureData, draw_run, drawn_pictures, early_pictures, figure_names
-from spinfilters.run.run_folder import read_figure_data
+from spinfilters.plots.figures import FigureData, draw_run, early_pictures, figure_names
 
 MOST_PROCESSES: Final = 3
 """In addition to the one that asks; a run has about ten pictures."""
 PROCESSES: Final = "SPINFILTERS_PICTURE_PROCESSES"
 """Environment variable that states another number, 0 for none."""
 STATED_PROCESSES: Final = NumberRange(0, 99, whole=True)
+PROGRAM: Final = "spinfilters.run.painter_program"
+"""Module that a further process runs."""
 LONGEST_PICTURE: Final = 60.0
 """Seconds that a picture of another process may still take where no further one is left to draw."""
 LARGEST_SENT: Final = 32_000_000
@@ -124,7 +124,7 @@ class PictureProcess(Painter):
         passed = [] if self.twin is None else [its_twins_end.fileno()]
         with its_end, its_twins_end:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", __name__, *map(str, passed)],
+                [sys.executable, "-m", PROGRAM, *map(str, passed)],
                 stdin=its_end.fileno(),
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -366,66 +366,3 @@ def draw_together(
             write(name)
     progress(len(names), len(names))
     return names
-
-
-class _Work:
-    """What a picture process does, request by request (`PictureProcess`)."""
-
-    def __init__(self) -> None:
-        self._parts: list[Any] = []
-        self._shown: FigureData | None = None
-
-    def show(
-        self,
-        new: Sequence[Any],
-        places: Sequence[int],
-        map_points: Float[np.ndarray, "k 3"] | None,
-        conditions: Sequence[str],
-    ) -> bytes:
-        """Take data: new parts, and the places of all that are shown among the parts sent so far."""
-        self._parts += new
-        dataset, *evaluations = (self._parts[place] for place in places)
-        self._shown = FigureData(dataset, evaluations, map_points, conditions)
-        return b""
-
-    def open(self, folder: str) -> bytes:
-        """Read a run folder."""
-        self._shown = read_figure_data(Path(folder))
-        return b""
-
-    def draw(self, name: str) -> bytes:
-        """Content of a picture's file."""
-        assert self._shown is not None
-        ((_, content),) = drawn_pictures(self._shown, lambda *_: None, [name])
-        return content
-
-
-def main() -> None:
-    """Load what draws, then do what the socket at its input asks for: requests, each with what it is about."""
-    from spinfilters.plots.style import picture_bytes
-
-    with suppress(KeyboardInterrupt, BrokenPipeError, EOFError):
-        # loaded while the first estimator runs
-        from spinfilters.plots import scene, summary, time_courses  # noqa: F401
-
-        figure, _ = scene.space_figure(2.0, 2.0)
-        figure.suptitle(summary.RATIO_LABELS[0])
-        picture_bytes(figure, "png", dpi=50)  # fonts are found, and what a first picture needs is loaded
-        own = sys.stdin.fileno()
-        for other in map(int, sys.argv[1:]):  # the place of a twin's connection
-            is_twin = os.fork() == 0  # nothing else runs in this process
-            os.close(own if is_twin else other)
-            own = other if is_twin else own
-        connection, painter = Connection(own), _Work()
-        answer: dict[str, Callable[..., bytes]] = {
-            "show": painter.show,
-            "open": painter.open,
-            "draw": painter.draw,
-        }
-        while True:
-            request, *about = connection.recv()
-            connection.send(answer[request](*about))
-
-
-if __name__ == "__main__":
-    main()

@@ -101,9 +101,13 @@ def read_dataset(
     """
     place = Path(path)
     reader = reader_of(place, options)
-    if segment is not None and not reader.has_segments:
-        raise InputError(f"{path_text(place)}: has no segments; leave out --segment {segment}")
+    _require_segments(reader, place, segment)
     return _check_dataset(reader, reader.read(place, segment))
+
+
+def _require_segments(reader: DatasetReader, path: Path, segment: int | None) -> None:
+    if segment is not None and not reader.has_segments:
+        raise InputError(f"{path_text(path)}: has no segments; leave out --segment {segment}")
 
 
 def read_whole(path: str | os.PathLike[str], options: ReadingOptions = NOTHING_STATED) -> Dataset:
@@ -304,8 +308,7 @@ class ZipReader(StatedReader):
 
         with Unpacked(path) as folder:
             reader = reader_of(folder, self.options)
-            if segment is not None and not reader.has_segments:
-                raise InputError(f"{path_text(path)}: has no segments; leave out --segment {segment}")
+            _require_segments(reader, path, segment)
             return replace(reader.read(folder, segment), path=path)
 
     def whole(self, path: Path) -> Dataset:

@@ -18,6 +18,7 @@ from spinfilters.core.attitude_conversions import (
     rotation_vector_from_quaternion,
 )
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.core.inertia_charts import log_ratios_of
 from spinfilters.evaluation.estimated_motion import (
     BodyRates,
     Trajectory,
@@ -462,7 +463,7 @@ def _settling_constants(bodies: BodyHistory, truth: Truth | None) -> list[Settli
     if truth is not None:
         moments, axes, centre = truth.principal_moments, truth.principal_axes_g, truth.center_of_mass_g
     if moments is not None:
-        ratios = _log_ratios(moments)
+        ratios = log_ratios_of(moments)
     true_turn = None
     if axes is not None and moments is not None:
         true_turn = _axes_turned(axes[np.argsort(moments)][np.newaxis], bodies.principal_axes_g[-1])[0]
@@ -554,7 +555,7 @@ def _convergence(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth
         for name, quantity in QUANTITIES.items()
     ]
     ratios = (
-        None if truth is None or truth.principal_moments is None else _log_ratios(truth.principal_moments)
+        None if truth is None or truth.principal_moments is None else log_ratios_of(truth.principal_moments)
     )
     centre = None if truth is None else truth.center_of_mass_g
     known = truth is not None
@@ -582,12 +583,6 @@ def _true_quantities(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarr
     for name, quantity in QUANTITIES.items():
         quantities[name][rows] = quantity.true(truth)[true_rows]
     return quantities
-
-
-def _log_ratios(moments: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
-    """k1, k2."""
-    low, middle, high = np.sort(moments)
-    return np.log([high / middle, middle / low])
 
 
 def _distance(name: str, surface: np.ndarray, reference: np.ndarray) -> Float[np.ndarray, "f f"]:

@@ -20,7 +20,7 @@ from spinfilters.smoother.problem import (
     Stage,
     problem_of,
     unobservable_directions,
-    with_common_constants,
+    with_last_constants,
 )
 from spinfilters.smoother.solver import Solved, SolverOptions, solve
 
@@ -224,7 +224,7 @@ def smooth_problem(
     problem: Problem, trajectory: Float[np.ndarray, "k m"], annealed_iterations: int = 0
 ) -> BatchSmoothing:
     """Smooth a problem without landmarks; see `smooth_recording`."""
-    start = np.ascontiguousarray(with_common_constants(problem.layout, trajectory[::-1])[::-1])
+    start = with_last_constants(problem.layout, trajectory)
     schedule = AnnealedSchedule(problem, annealed_iterations) if annealed_iterations else None
     solved = solve(problem, problem.at(start, NO_POINTS), SolverOptions(), schedule)
     solution, here, n = solved.normal.solution, solved.point.trajectory, problem.layout.error_dim

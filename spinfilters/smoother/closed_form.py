@@ -14,15 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import eigh, null_space
 
-from spinfilters.core.attitude_conversions import (
-    integrate_gyro,
-    inverse,
-    matrix_from_quaternion,
-    multiply,
-    rotation_vector_from_quaternion,
-)
+from spinfilters.core.attitude_conversions import integrate_gyro, matrix_from_quaternion, rotation_between
 from spinfilters.core.errors import InputError
-from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.core.mass_distribution import from_inertia, second_moments_of
 from spinfilters.models.sensor import MotionSamples
 from spinfilters.models.state_blocks import (
     ACCELERATION,
@@ -135,7 +129,7 @@ def _too_far_apart(
     shared: Int[np.ndarray, " k"] | None,
 ) -> str:
     """Sentence on attitudes that are too far from their neighbours: why, and the cure."""
-    step = np.linalg.norm(rotation_vector_from_quaternion(multiply(inverse(q[:-1]), q[1:])), axis=1)
+    step = np.linalg.norm(rotation_between(q[:-1], q[1:]), axis=1)
     first = int(np.argmax(apart))
     beside = int(np.clip(first, 0, len(step) - 1))
     told = (
@@ -160,7 +154,7 @@ def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[
     around = np.arange(len(time))[:, None] + np.arange(-half, half + 1)
     inside = (around >= 0) & (around < len(time))
     around = np.clip(around, 0, len(time) - 1)
-    phi = rotation_vector_from_quaternion(multiply(inverse(q)[:, None], q[around]))
+    phi = rotation_between(q[:, None], q[around])
     turn = np.linalg.norm(phi, axis=2)
     near = inside & (turn < LARGEST_TURN)
     # a neighbour counts while all between it and the pose are near: accumulate from the middle to either side
@@ -407,7 +401,7 @@ def _physical(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
 
     S = tr(J)/2 I - J with its eigenvalues floored.
     """
-    values, vectors = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J)
+    values, vectors = np.linalg.eigh(second_moments_of(J))
     values = np.maximum(values, SMALLEST_SECOND_MOMENT * max(values[-1], np.finfo(float).tiny))
     S = (vectors * (values / values.sum())) @ vectors.T
     return np.eye(3) - S

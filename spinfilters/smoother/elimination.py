@@ -280,13 +280,15 @@ class VelocityElimination:
 
     def back(self, separator_step: Float[np.ndarray, " r"]) -> Float[np.ndarray, "k v"]:
         """Eliminated errors by back-substitution of the separator's solution."""
-        width, library = self.coupling.shape[2], kernels()
-        # What the separator leaves to each epoch: y_k - X_k dx.
-        right = self.coupling[:, :, -1] - self.coupling[:, :, : width - 1] @ separator_step
+        (K, v, width), library, p = self.coupling.shape, kernels(), self.pose
         if library is None:
+            # What the separator leaves to each epoch: y_k - X_k dx.
+            right = self.coupling[:, :, -1] - self.coupling[:, :, : width - 1] @ separator_step
             return self._solve_backwards(right)
-        library.solve_velocities(*right.shape, *map(address, (self.information_sqrts, self.next, right)))
-        return right
+        step, result = np.ascontiguousarray(separator_step), np.empty((K, v))
+        arrays = (self.begin, self.coupling, self.information_sqrts, self.next, step, result)
+        library.solve_velocities(K, v, p, K if p else 0, width - 1, self.reach, *map(address, arrays))
+        return result
 
     def _solve_backwards(self, right: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
         # From the last epoch on, L_k' dv_k = right_k - F_k dv_k+1.

@@ -6,6 +6,7 @@
 #include <string.h>
 
 enum { R = 3, POSE = 6, ROW = POSE + 3 + 1 };
+enum { TALL = LANES < 4 ? 4 : LANES }; /* rows by two vectors of columns that stay in registers */
 typedef long long integer;
 typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
 typedef double loose __attribute__((vector_size(8 * LANES), aligned(8)));

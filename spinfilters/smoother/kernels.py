@@ -15,10 +15,10 @@ _SIGNATURES = {
     "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppp", ctypes.c_int),
     "follow_poses": Signature("i" + "pppppppp", None),
     "step_rows": Signature("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
-    "add_information_blocks": Signature("iiiiii" + "ppppp", ctypes.c_int),
+    "add_information_blocks": Signature("iiiiii" + "ppppp", None),
     "eliminate_velocities": Signature("iiiiii" + "d" + "pppp", ctypes.c_longlong),
     "reduce_velocities": Signature("iiiiii" + "ppp", None),
-    "solve_velocities": Signature("ii" + "ppp", None),
+    "solve_velocities": Signature("iiiiii" + "pppppp", None),
     "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
     "root_of_rows": Signature("ii" + "p", ctypes.c_longlong),
 }

@@ -19,6 +19,9 @@ COLUMNS = 10
 OBSERVATIONS_NEEDED = 2
 """Of one landmark: a single observation by a stereo pair says where the landmark is and nothing else."""
 
+SPREAD = 8
+"""Times as many numbers as there are ids, that a table of ids may have: sparser ids are searched for."""
+
 NOTHING_TWICE = "no landmark of the map is seen twice in these epochs; check the landmark ids"
 
 
@@ -133,18 +136,14 @@ def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: i
         When a sensor of landmarks sees more than the pose.
     """
     seen = _index_observations(epochs)
-    # landmark of every observation: place of its id among the ascending ids, -1 where it is not among them
-    row = np.clip(np.searchsorted(ids, seen.ids), 0, max(len(ids) - 1, 0))
-    known = ids[row] == seen.ids if len(ids) else np.zeros(len(row), dtype=bool)
-    landmark = np.where(known, row, -1)
-    # keep those of landmarks that are observed often enough
-    count = np.bincount(landmark[known], minlength=len(ids))
-    keep = known.copy()
-    keep[known] = count[landmark[known]] >= needed
-    kept = np.flatnonzero(keep)
+    landmark = places_among(ids, seen.ids)
+    # keep those of landmarks that are observed often enough; the last count is that of ids that are not among these
+    count = np.bincount(np.where(landmark < 0, len(ids), landmark), minlength=len(ids) + 1)
+    count[-1] = 0
+    kept = np.flatnonzero((count[landmark] >= needed) & (landmark >= 0))
     # by landmark, and of one landmark by epoch, as they are sorted by epoch already: the order in which elimination takes them
-    order = kept[np.argsort(landmark[kept], kind="stable")]
-    groups = tuple(_choose_group(group, order, len(keep)) for group in seen.groups)
+    order = kept[order_of_landmarks(landmark[kept], len(ids))]
+    groups = tuple(_choose_group(group, order, len(landmark)) for group in seen.groups)
     return LandmarkObservations(
         seen.epoch[order],
         landmark[order],
@@ -153,6 +152,27 @@ def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: i
         len(ids),
         tuple(group for group in groups if len(group.rows)),
     )
+
+
+def order_of_landmarks(landmark: Int[np.ndarray, " N"], landmarks: int) -> Int[np.ndarray, " N"]:
+    """Stable order by landmark: of one landmark the observations stay as they are."""
+    many = landmarks > np.iinfo(np.uint16).max  # 16 bits are sorted in linear time
+    return np.argsort(landmark if many else landmark.astype(np.uint16), kind="stable")
+
+
+def places_among(known: Int[np.ndarray, " L"], ids: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """Index of each id among distinct known ones, or -1."""
+    if not len(known) or not len(ids):
+        return np.full(len(ids), -1)
+    low, high = int(known.min()), int(known.max())
+    if high - low < SPREAD * (len(known) + len(ids)):
+        # a table over all ids from the lowest to the highest, with one more entry for those beyond
+        table = np.full(high - low + 2, -1)
+        table[known - low] = np.arange(len(known))
+        return table.take(np.where((ids >= low) & (ids <= high), ids - low, high - low + 1))
+    order = np.argsort(known, kind="stable")  # ids in runs that ascend, which a stable sort is quick with
+    at = order[np.minimum(np.searchsorted(known.take(order), ids), len(order) - 1)]
+    return np.where(known[at] == ids, at, -1)
 
 
 def seen_ids(epochs: Timeline) -> Int[np.ndarray, " s"]:

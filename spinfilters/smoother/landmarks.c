@@ -89,7 +89,7 @@ static inline two half(four x) {
 }
 
 /* S [6][6] in rows of n -= left' right, left and right [3][6]. */
-static inline void subtract_block(double* S, integer n, const double* left, const double* right) {
+static inline void subtract_block(double* restrict S, integer n, const double* restrict left, const double* restrict right) {
   const four r0 = *(const four*)right, r1 = *(const four*)(right + POSE), r2 = *(const four*)(right + 2 * POSE);
   const two q0 = *(const two*)(right + 4), q1 = *(const two*)(right + POSE + 4), q2 = *(const two*)(right + 2 * POSE + 4);
   /* Row a: a number of the left block times the columns 0 .. 4, and half of the same vector times the columns 4 .. 6. */

@@ -245,8 +245,7 @@ def _in_c(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSi
         return False
     blocks = np.ascontiguousarray(blocks)
     counts = (len(blocks), both, len(tridiagonal[0]), *sizes)
-    if library.add_information_blocks(*counts, address(blocks), *map(address, (M, *tridiagonal))):
-        raise MemoryError("no memory to add what was measured")
+    library.add_information_blocks(*counts, address(blocks), *map(address, (M, *tridiagonal)))
     return True
 
 
@@ -255,18 +254,18 @@ def _add_epochs(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: B
     if _in_c(M, tridiagonal, blocks, sizes, 0):
         return
     (D, _, G), (p, v, _) = tridiagonal, sizes
-    K = len(D)
+    K, count = len(D), len(blocks)  # the first epochs, of all
     rest = slice(K * p, None)
     # Gram of epoch k, order pose (p), chain (v), constants, right-hand side: chain to D_k, its couplings to G_k.
-    D += blocks[:, p : p + v, p : p + v]
-    G[:, :, rest] += blocks[:, p : p + v, p + v :]
+    D[:count] += blocks[:, p : p + v, p : p + v]
+    G[:count, :, rest] += blocks[:, p : p + v, p + v :]
     M[rest, rest] += blocks[:, p + v :, p + v : -1].sum(axis=0)
     if p:
         # Pose of epoch k: columns k p .. (k + 1) p of G_k, diagonal block k of M, and the last rows of M.
-        at = np.arange(K)
+        at = np.arange(count)
         G[:, :, : K * p].reshape(K, v, K, p)[at, :, at] += blocks[:, p : p + v, :p]
-        _diagonal(M, K, p)[...] += blocks[:, :p, :p]
-        M[rest, : K * p] += blocks[:, p + v :, :p].transpose(1, 0, 2).reshape(-1, K * p)
+        _diagonal(M, count, p)[...] += blocks[:, :p, :p]
+        M[rest, : count * p] += blocks[:, p + v :, :p].transpose(1, 0, 2).reshape(-1, count * p)
 
 
 def _add_steps(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSizes) -> None:

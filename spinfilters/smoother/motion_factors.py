@@ -221,7 +221,7 @@ class InformationBlocks:
     Attributes
     ----------
     epochs : ndarray of float, shape (k, n1, n1)
-        Each epoch alone, components in `VariableOrdering.order`, then the right-hand side.
+        Each epoch alone, or the first ones that have any, components in `VariableOrdering.order`, then the right-hand side.
     steps : ndarray of float, shape (j, s1, s1)
         Each step: moving here, moving there, constants, right-hand side.
     cost : float
@@ -325,7 +325,8 @@ class EpochFactors:
             Of each measurement in place of `loss`.
         """
         n, made = self.process.layout.error_dim, []
-        blocks, cost = np.zeros((len(trajectory), n + 1, n + 1)), 0.0
+        # without sensors there is the prior of the first epoch alone
+        blocks, cost = np.zeros((len(trajectory) if self.sensors else 1, n + 1, n + 1)), 0.0
         if self.prior is not None:
             # first epoch: += [J | y]'[J | y] of the prior, its columns in the ordering already
             rows = prior_rows(self.ordering, trajectory[0], self.prior)

@@ -320,14 +320,7 @@ def _walk_ensemble(
     at, origin = layout.mean_slice(MASS_DISTRIBUTION.name), nodes[0].trajectory[0]
     generator = np.random.default_rng(options.seed)
 
-    def errors(points: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 5"]:
-        """Errors d of mass distributions about the first node."""
-        origins = np.tile(origin, (len(points), 1))
-        moved = origins.copy()
-        moved[:, at] = points
-        return layout.local(origins, moved)[:, s]
-
-    places = errors(found.points)
+    places = sampler.errors(found.points, origin)  # d about the first node
     spread = np.linalg.inv(np.cov(places.T, aweights=found.weights.weights))
 
     def evaluate(d: Float[np.ndarray, " 5"]) -> tuple[float, tuple[np.ndarray, np.ndarray] | None]:

@@ -318,6 +318,15 @@ def with_common_constants(
     return common
 
 
+def with_last_constants(
+    layout: StateLayout, trajectory: Float[np.ndarray, "k m"]
+) -> Float[np.ndarray, "k m"]:
+    """The trajectory with the constants of its last epoch, the best known, in all."""
+    common = trajectory.copy()
+    common[:, layout.constant_indices] = trajectory[-1, layout.constant_indices]
+    return common
+
+
 LEFT = 0.7
 """Of the prior's standard deviation, above which nothing has been learnt."""
 ALONG = 0.95

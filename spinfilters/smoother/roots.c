@@ -1,6 +1,6 @@
 /* Root of a large matrix, blocks of columns after one another; types are those of `kernels.h`. */
 
-enum { DEEP = 64, TALL = LANES < 4 ? 4 : LANES, WIDE = 2 * LANES }; /* columns of a block; rows and columns of a tile in registers */
+enum { DEEP = 64, WIDE = 2 * LANES }; /* columns of a block, and of a tile in registers */
 
 /* C [TALL][WIDE] in rows of pitch -= sum over k < depth of A_k' B_k, A_k [TALL] and B_k [WIDE] each the next row of a strip. */
 static inline __attribute__((always_inline)) void subtract_tile(integer depth, const double* A, const double* B, integer pitch,

@@ -31,14 +31,25 @@ static void whiten(integer d, integer groups, integer q, double floor, const dou
 /* rows' rows of rows [d] of vectors [groups], as grams [w][w]. */
 static void gram(integer d, integer groups, integer w, const lanes* rows, double* grams) {
   const double* numbers = (const double*)rows;
-  /* row i of rows' rows, a vector of columns at a time; columns beyond w are cut off */
-  for (integer i = 0; i < w; ++i)
+  enum { SOME = 4 };
+  /* some rows of rows' rows, a vector of columns at a time; the last rows may be the same one several times */
+  for (integer i = 0; i < w; i += SOME) {
+    integer place[SOME];
+    for (int r = 0; r < SOME; ++r) place[r] = i + r < w ? i + r : w - 1;
     for (integer j = 0; j < groups; ++j) {
-      lanes sum = {0};
-      for (integer a = 0; a < d; ++a) sum += numbers[a * groups * LANES + i] * rows[a * groups + j];
-      integer left = w - j * LANES;
-      memcpy(grams + i * w + j * LANES, &sum, (left < LANES ? left : LANES) * sizeof(double));
+      lanes sums[SOME] = {{0}};
+      for (integer a = 0; a < d; ++a) {
+        const double* row = numbers + a * groups * LANES;
+        for (int r = 0; r < SOME; ++r) sums[r] += row[place[r]] * rows[a * groups + j];
+      }
+      for (int r = 0; r < SOME; ++r) {
+        double* to = grams + place[r] * w + j * LANES;
+        if ((j + 1) * LANES <= w) *(loose*)to = sums[r];
+        else /* columns beyond w are cut off */
+          for (integer l = 0; l < w - j * LANES; ++l) to[l] = sums[r][l];
+      }
     }
+  }
 }
 
 /* Whitened rows of K steps, [K][d][w]: errors of the d moving components here and there, of the c constants, and the defect; and
@@ -75,65 +86,71 @@ int step_rows(integer K, integer n, integer d, integer c, integer q, const integ
   return 0;
 }
 
-/* Where a component of a gram goes: poses, constants and the right-hand side by their place in what remains, chained errors by
- * -1 - epoch, with their place in `at`. An epoch's gram has pose, chain, constants, right-hand side; a step's
- * has pose and chain twice. */
-static integer place_components(integer k, integer both, integer K, integer p, integer v, integer c, integer* to, integer* at) {
-  integer n = 0;
-  /* epoch k, and for a step k + 1 too: its pose, then its chained errors */
+/* A run of a gram's components: count from `from` on. They remain at `to` .. of poses, constants and right-hand side, or are the
+ * chained errors of the epoch -1 - to. */
+typedef struct {
+  integer from, count, to;
+} Run;
+
+/* Runs of the gram of epoch k, or of the step from it (`both`): of each epoch its pose, then its chained errors; then constants and
+ * right-hand side. Returns how many. */
+static int runs_of(integer k, int both, integer K, integer p, integer v, integer c, Run* run) {
+  int runs = 0;
+  integer from = 0;
   for (integer f = k; f <= k + both; ++f) {
-    for (integer a = 0; a < p; ++a) to[n++] = f * p + a;
-    for (integer a = 0; a < v; ++a) {
-      to[n] = -1 - f;
-      at[n++] = a;
-    }
+    run[runs++] = (Run){from, p, f * p};
+    run[runs++] = (Run){from + p, v, -1 - f};
+    from += p + v;
   }
-  /* constants and right-hand side behind all poses */
-  for (integer a = 0; a <= c; ++a) to[n++] = K * p + a;
-  return n;
+  run[runs++] = (Run){from, c + 1, K * p};
+  return runs;
 }
 
-/* Grams of epochs (both = 0, count = K) or of steps (both = 1, count = K - 1) into M [kept + 1][kept], lower triangle and
- * right-hand side, and into D, E, G of the chain. */
-int add_information_blocks(integer count, integer both, integer K, integer p, integer v, integer c, const double* grams,
+/* Grams of epochs (both = 0, the first `count`) or of steps (both = 1, count = K - 1) into M [kept + 1][kept], lower triangle and
+ * right-hand side, and into D, E, G of the chain. Of M's diagonal blocks the upper triangles are added too. */
+void add_information_blocks(integer count, integer both, integer K, integer p, integer v, integer c, const double* grams,
                double* M, double* D, double* E, double* G) {
-  integer kept = K * p + c, width = kept + 1, most = 2 * (p + v) + c + 1;
-  integer* to = (integer*)malloc(2 * most * sizeof(integer));
-  if (to == 0) return 1;
-  integer* at = to + most;
-  /* gram of each epoch or step, placed by its components */
-  for (integer k = 0; k < count; ++k) {
-    integer n = place_components(k, both, K, p, v, c, to, at);
-    const double* g = grams + k * n * n;
-    /* Row i of the gram: into M where component i remains; else into G (by what remains), D (same epoch) or E (next epoch). */
-    for (integer i = 0; i < n; ++i, g += n) {
-      if (to[i] >= 0) {
-        for (integer j = 0; j < n; ++j)
-          if (to[j] >= 0 && to[j] <= to[i] && to[j] < kept) M[to[i] * kept + to[j]] += g[j];
-        continue;
+  const integer kept = K * p + c, width = kept + 1, n = (1 + both) * (p + v) + c + 1;
+  for (integer k = 0; k < count; ++k, grams += n * n) {
+    Run run[5];
+    const int runs = runs_of(k, (int)both, K, p, v, c, run);
+    /* Block of rows r by columns q: into M where both remain; else, of rows of a chain, into G, D (same epoch) or E (next one). */
+    for (int r = 0; r < runs; ++r)
+      for (int q = 0; q < runs; ++q) {
+        const integer row = run[r].to, column = run[q].to;
+        integer pitch = v, columns = run[q].count;
+        double* to;
+        if (row >= 0) {
+          if (column < 0 || column > row) continue;
+          to = M + row * kept + column, pitch = kept;
+          if (column + columns > kept) columns = kept - column; /* the right-hand side is a row alone */
+        } else if (column >= 0) to = G + (-1 - row) * v * width + column, pitch = width;
+        else if (column == row) to = D + (-1 - row) * v * v;
+        else if (column < row) to = E + (-1 - row) * v * v;
+        else continue;
+        const double* g = grams + run[r].from * n + run[q].from;
+        for (integer i = 0; i < run[r].count; ++i, to += pitch, g += n)
+          for (integer j = 0; j < columns; ++j) to[j] += g[j];
       }
-      integer f = -1 - to[i];
-      double *row = G + (f * v + at[i]) * width, *own = D + (f * v + at[i]) * v, *next = E + (f * v + at[i]) * v;
-      for (integer j = 0; j < n; ++j) {
-        if (to[j] >= 0) row[to[j]] += g[j];
-        else if (to[j] == to[i]) own[at[j]] += g[j];
-        else if (to[j] < to[i]) next[at[j]] += g[j];
-      }
-    }
   }
-  free(to);
-  return 0;
 }
 
-/* First block of p columns of X that has not faded below `faded` of its largest element so far, counted from `low` on. */
-static integer not_faded(const double* X, double* largest, double faded, integer v, integer p, integer low, integer last,
+/* First block of p columns of X that has not faded below `faded` of its largest element so far, counted from `low` on; top is room
+ * for a number of every column. */
+static integer not_faded(const double* X, double* largest, double* top, double faded, integer v, integer p, integer low, integer last,
                          integer high, integer width) {
   int fading = 1;
+  /* largest element of each column */
+  for (integer j = low * p; j < high * p; ++j) top[j] = 0;
+  for (integer a = 0; a < v; ++a)
+    for (integer j = low * p; j < high * p; ++j) {
+      const double size = fabs(X[a * width + j]);
+      top[j] = size > top[j] ? size : top[j];
+    }
   /* block m: its largest element here and so far; blocks are dropped in one unbroken run from `low`, up to before `last` */
   for (integer m = low; m < high; ++m) {
     double most = 0;
-    for (integer a = 0; a < v; ++a)
-      for (integer j = m * p; j < (m + 1) * p; ++j) most = fmax(most, fabs(X[a * width + j]));
+    for (integer j = m * p; j < (m + 1) * p; ++j) most = top[j] > most ? top[j] : most;
     if (most > largest[m]) largest[m] = most;
     if (fading && m < last && most <= faded * largest[m]) low = m + 1;
     else fading = 0;
@@ -147,7 +164,7 @@ static integer not_faded(const double* X, double* largest, double faded, integer
  * the first it feels. Returns the number of a block that is not positive definite plus 1, or 0. */
 integer eliminate_velocities(integer K, integer v, integer p, integer blocks, integer width, integer reach, double faded, double* D,
                         double* E, double* G, integer* begin) {
-  double* largest = (double*)calloc(blocks + 1, sizeof(double));
+  double *largest = (double*)calloc(blocks * (p + 1) + 1, sizeof(double)), *top = largest + blocks;
   if (largest == 0) return -1;
   integer low = 0, failed = 0, tail = blocks * p;
   /* epoch k forwards: less what epoch k - 1 leaves behind, its root L_k, then its coupling to what remains and to k + 1 */
@@ -185,7 +202,7 @@ integer eliminate_velocities(integer K, integer v, integer p, integer blocks, in
       }
     }
     begin[k] = low;
-    low = not_faded(X, largest, faded, v, p, low, k, last, width);
+    low = not_faded(X, largest, top, faded, v, p, low, k, last, width);
   }
   free(largest);
   return failed;
@@ -201,7 +218,7 @@ static inline __attribute__((always_inline)) void subtract_products(const int ro
   double* at = M + i * n;
   /* two vectors of columns at a time: loaded from M, less the products over all v, and stored */
   for (; j + 2 * LANES <= end; j += 2 * LANES) {
-    lanes left[4], right[4];
+    lanes left[TALL], right[TALL];
     for (int r = 0; r < rows; ++r) {
       left[r] = *(const loose*)(at + r * n + j);
       right[r] = *(const loose*)(at + r * n + j + LANES);
@@ -231,8 +248,8 @@ static inline __attribute__((always_inline)) void subtract_products(const int ro
 /* The same for the rows low .. high of M, each up to its diagonal and no further than n, from column `from` on. */
 static void subtract_triangle(integer v, integer n, const double* X, integer low, integer high, integer from, double* M) {
   integer i = low;
-  /* four rows at a time, then single ones; a group of four runs up to the diagonal of its last row */
-  for (; i + 4 <= high; i += 4) subtract_products(4, v, n, X, i, from, i + 4 < n ? i + 4 : n, n, M);
+  /* some rows at a time, then single ones; a group runs up to the diagonal of its last row */
+  for (; i + TALL <= high; i += TALL) subtract_products(TALL, v, n, X, i, from, i + TALL < n ? i + TALL : n, n, M);
   for (; i < high; ++i) subtract_products(1, v, n, X, i, from, i + 1 < n ? i + 1 : n, n, M);
 }
 
@@ -252,20 +269,43 @@ void reduce_velocities(integer K, integer v, integer p, integer blocks, integer 
     subtract_triangle(rows, n, X, tail, n + 1, tail, M);
     /* Rows of constants and right-hand side by the poses. */
     integer i = tail;
-    for (; i + 4 <= n + 1; i += 4) subtract_products(4, rows, n, X, i, low, high, tail, M);
+    for (; i + TALL <= n + 1; i += TALL) subtract_products(TALL, rows, n, X, i, low, high, tail, M);
     for (; i <= n; ++i) subtract_products(1, rows, n, X, i, low, high, tail, M);
     X += rows * (n + 1);
   }
 }
 
-/* Behind a solution of what remains: right [K][v] becomes L_k^-T (right_k - F_k out_k+1). */
-void solve_velocities(integer K, integer v, const double* L, const double* F, double* right) {
+/* Sum of x_j step_j over the columns low .. high. */
+static double product(const double* x, const double* step, integer low, integer high) {
+  lanes sums[2] = {{0}, {0}};
+  double sum = 0;
+  integer j = low;
+  for (; j + 2 * LANES <= high; j += 2 * LANES) {
+    sums[0] += *(const loose*)(x + j) * *(const loose*)(step + j);
+    sums[1] += *(const loose*)(x + j + LANES) * *(const loose*)(step + j + LANES);
+  }
+  for (; j < high; ++j) sum += x[j] * step[j];
+  sums[0] += sums[1];
+  for (int l = 0; l < LANES; ++l) sum += sums[0][l];
+  return sum;
+}
+
+/* Behind a solution of what remains, step [n]: out [K][v] = L_k^-T (y_k - X_k step - F_k out_k+1), X_k [v][n + 1] with y_k as its last
+ * column. X_k is zero outside of what `reduce_velocities` takes of it. */
+void solve_velocities(integer K, integer v, integer p, integer blocks, integer n, integer reach, const integer* begin,
+                      const double* X, const double* L, const double* F, const double* step, double* out) {
+  const integer tail = blocks * p;
   /* backwards, as each epoch depends on the one behind it */
   for (integer k = K - 1; k >= 0; --k) {
-    const double *T = L + k * v * v, *f = F + k * v * v, *after = right + (k + 1) * v;
-    double* x = right + k * v;
+    const double *T = L + k * v * v, *f = F + k * v * v, *after = out + (k + 1) * v;
+    const integer end = k + 2 > reach ? k + 2 : reach, low = begin[k] * p, high = (end < blocks ? end : blocks) * p;
+    double* x = out + k * v;
+    for (integer a = 0; a < v; ++a) {
+      const double* row = X + (k * v + a) * (n + 1);
+      x[a] = row[n] - product(row, step, low, high) - product(row, step, tail, n);
+    }
     if (k + 1 < K)
-      /* right_k -= F_k out_k+1. */
+      /* less F_k out_k+1 */
       for (integer a = 0; a < v; ++a)
         for (integer b = 0; b < v; ++b) x[a] -= f[a * v + b] * after[b];
     /* Back substitution by L_k'. */

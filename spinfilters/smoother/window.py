@@ -12,7 +12,12 @@ from spinfilters.filters.estimator import Measurement, ProcessModel
 from spinfilters.filters.timeline import Epoch
 from spinfilters.models.measurement import LandmarkSensor
 from spinfilters.models.state_layout import StateLayout
-from spinfilters.smoother.landmark_factors import LandmarkObservations, SensorGroup
+from spinfilters.smoother.landmark_factors import (
+    LandmarkObservations,
+    SensorGroup,
+    order_of_landmarks,
+    places_among,
+)
 from spinfilters.smoother.motion_factors import motion_of
 from spinfilters.smoother.priors import MarginalizationPrior, StatePrior
 from spinfilters.smoother.problem import Problem
@@ -233,9 +238,9 @@ class Window:
     @cached_property
     def observations(self) -> LandmarkObservations:
         """Observations in the order of elimination: landmark after landmark."""
-        s, many = self.seen, len(self.ids) > np.iinfo(np.uint16).max
-        # stable: of one landmark the observations stay in the order of epochs; 16 bits are sorted in linear time
-        order = np.argsort(s.landmark if many else s.landmark.astype(np.uint16), kind="stable")
+        s = self.seen
+        # stable: of one landmark the observations stay in the order of epochs
+        order = order_of_landmarks(s.landmark, len(self.ids))
         groups, every = [], np.arange(len(order))
         for number, model in enumerate(self.models):
             # rows: places of the sensor's observations in that order; at: where they stand in the window
@@ -279,7 +284,7 @@ class Window:
 
     def placed(self, ids: Int[np.ndarray, " k"], points: Float[np.ndarray, "k 3"]) -> "Window":
         """Window with the landmarks of these ids at these points (m, frame g)."""
-        at, moved = _numbers(self.ids, ids), self.points.copy()
+        at, moved = places_among(self.ids, ids), self.points.copy()
         moved[at[at >= 0]] = points[at >= 0]
         return replace(self, points=moved)
 
@@ -319,7 +324,7 @@ def _with_observations(
     models = window.models if any(known is model for known in window.models) else (*window.models, model)
     number = next(k for k, known in enumerate(models) if known is model)
     # number of every observation's landmark in the window, -1 of one that is not there
-    landmark = _numbers(window.ids, ids)
+    landmark = places_among(window.ids, ids)
     fresh, every, points = np.flatnonzero(landmark < 0), window.ids, window.points
     if len(fresh):
         made = model.new_landmarks(window.trajectory[-1], parameters[fresh], values[fresh])
@@ -333,12 +338,3 @@ def _with_observations(
     epoch, sensor = np.full(len(use), len(window.epochs) - 1), np.full(len(use), number)
     here = WindowObservations(epoch, landmark[use], sensor, values[use], parameters[use, 3:])
     return replace(window, models=models, ids=every, points=points, seen=window.seen.plus(here))
-
-
-def _numbers(known: Int[np.ndarray, " L"], ids: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    """Index of each id among the known ones, or -1."""
-    if not len(known):
-        return np.full(len(ids), -1)
-    order = np.argsort(known, kind="stable")  # ids in runs that ascend, which a stable sort is quick with
-    at = order[np.minimum(np.searchsorted(known.take(order), ids), len(order) - 1)]
-    return np.where(known[at] == ids, at, -1)

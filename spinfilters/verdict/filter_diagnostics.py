@@ -37,7 +37,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, NO_POINTS
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
 from spinfilters.smoother.motion_factors import STRETCH
-from spinfilters.smoother.problem import problem_of, with_common_constants
+from spinfilters.smoother.problem import problem_of, with_last_constants
 from spinfilters.verdict.checks import STATE_ANOTHER, finding
 from spinfilters.verdict.judge import own_rows, quantity_differences
 
@@ -427,7 +427,7 @@ def _levels_of_run(setup: Setup, settings: Settings, histories: Sequence[Estimat
         if history is None or history.layout != setup.process.layout:
             return None
         mean = history.mean[:STRETCH]
-        trajectory = np.ascontiguousarray(with_common_constants(history.layout, mean[::-1])[::-1])
+        trajectory = with_last_constants(history.layout, mean)
         ids, points, needed, used = NO_LANDMARKS, NO_POINTS, 2, history.noise
     if not np.isfinite(trajectory).all():
         return None

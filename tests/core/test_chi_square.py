@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.special import chdtrc
 
 from spinfilters.core.chi_square import chi_square_median, chi_square_tail, fisher_tail
 
@@ -23,3 +24,10 @@ def test_tails_and_medians_are_those_of_scipy(dof: float) -> None:
 def test_a_worker_of_a_campaign_does_not_import_scipy_stats() -> None:
     program = "import sys, spinfilters.campaigns.runner; sys.exit('scipy.stats' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_tails_of_three_degrees_in_closed_form_are_those_of_the_general_series() -> None:
+    values = np.concatenate([[-1.0, 0.0, 1e-300, 1e-9], np.logspace(-3, 3, 100), [1e5, np.inf]])
+    expected = chdtrc(3, np.maximum(values, 0.0))
+    np.testing.assert_allclose(chi_square_tail(values, 3), expected, rtol=1e-12, atol=1e-300)
+    assert np.isnan(chi_square_tail(np.array([np.nan]), 3)).all()

@@ -9,13 +9,19 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from resource import struct_rusage
 from typing import Self
 
 from .case import Case
 
 TESTS = Path(__file__).parents[1]
+ROOMS = tuple(
+    f"spinfilters.{room}" for room in ("lidar", "vision", "simulation", "plots", "embedded", "live")
+)
+"""What commands import when they are run, and children have already."""
 
 
 class Forks:
@@ -68,6 +74,9 @@ def _serve() -> None:
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)  # what commands read and write there
     os.dup2(nothing, 1)
+    for room in ROOMS:
+        for module in iter_modules(import_module(room).__path__, f"{room}."):
+            import_module(module.name)
     with conftest.few_samples():
         with unrendered_pictures():
             for command in pickle.load(asked):

@@ -18,7 +18,7 @@ from spinfilters.smoother.elimination import (
     eliminate_velocities,
 )
 from spinfilters.smoother.kernels import kernels
-from spinfilters.smoother.landmark_factors import LandmarkObservations, LinearObservations
+from spinfilters.smoother.landmark_factors import LandmarkObservations, LinearObservations, places_among
 from spinfilters.smoother.linear_system import Marginals, SchurSystem
 from tests.smoother.smoothing_samples import MIDDLE, perturbed, sample, solved
 
@@ -279,3 +279,13 @@ def test_the_root_in_c_is_that_of_lapack(size: int) -> None:
     for pivot in (-1.0, np.nan, np.inf):
         bad[number, number] = pivot
         assert library.root_of_rows(size + 1, size, bad.copy().ctypes.data) == number + 1
+
+
+@pytest.mark.parametrize("spread", [1, 1_000_000])
+def test_ids_are_found_among_dense_and_sparse_ones(spread: int) -> None:
+    """By a table and by a search; ids below, between and above are not among them."""
+    known = spread * np.array([7, 3, 12, -4, 5])
+    ids = spread * np.array([5, 3, 4, 13, -5, -4, 12, 12, 2**40, -(2**40)])
+    np.testing.assert_array_equal(places_among(known, ids), [4, 1, -1, -1, -1, 3, 2, 2, -1, -1])
+    np.testing.assert_array_equal(places_among(known[:0], ids), np.full(len(ids), -1))
+    assert not len(places_among(known, ids[:0]))

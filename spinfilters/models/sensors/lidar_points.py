@@ -29,7 +29,11 @@ from spinfilters.io.sensor_format import NoiseOption, SensorFormat, SensorNoise
 from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import body_acceleration
-from spinfilters.models.rotation_integrator import ACCELERATION_TERMS, acceleration_constants
+from spinfilters.models.rotation_integrator import (
+    ACCELERATION_TERMS,
+    acceleration_constants,
+    runge_kutta_step,
+)
 from spinfilters.models.sensor import (
     AnalysedSensor,
     BoundStream,
@@ -174,11 +178,7 @@ def _attitude_after(state: dict[str, Expression], delay: Expression) -> Expressi
 
     x = ca.vertcat(state["q"], state["w"])
     for _ in range(STEPS):
-        one = rates(x)
-        two = rates(x + h / 2 * one)
-        three = rates(x + h / 2 * two)
-        four = rates(x + h * three)
-        x = x + h / 6 * (one + 2 * two + 2 * three + four)
+        x = runge_kutta_step(rates, x, h)
     return normalised(x[:4])
 
 

@@ -18,6 +18,7 @@ from matplotlib.ticker import NullLocator, ScalarFormatter
 
 from spinfilters.core.attitude_conversions import angle_between, inverse, rotate
 from spinfilters.core.camera_trajectory import CameraTrajectory
+from spinfilters.core.inertia_charts import log_ratios_of
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.fused_inertia import fuse_inertias, mass_belief
@@ -249,7 +250,7 @@ def stabilised(dataset: Dataset) -> Dataset:
 def make_dynamics_afterwards(scenario: Scenario = SMALL, count: int = 3) -> ItemResult:
     """Section 7.2: poses and map without dynamics, inertia from them afterwards, compared with the smoother."""
     table: list[dict[str, float | int]] = []
-    true = _true_ratios(Scenario.principal_moments)
+    true = log_ratios_of(Scenario.principal_moments)
     for seed in range(count):
         dataset = without_map(simulate(replace(scenario, seed=seed, rate_rpm=RICH_RPM)))
         assert dataset.rig is not None
@@ -328,7 +329,7 @@ def make_unobservable_motions(spins: Mapping[str, tuple[float, float, float]] = 
                 "std_k1": float(std[0]),
                 "std_k2": float(std[1]),
                 "error_k1_in_deviations": float(
-                    abs(evaluation.bodies.log_ratios[-1, 0] - _true_ratios(Scenario.principal_moments)[0])
+                    abs(evaluation.bodies.log_ratios[-1, 0] - log_ratios_of(Scenario.principal_moments)[0])
                     / std[0]
                 ),
                 "attitude_after_20_s_deg": float(np.rad2deg(np.linalg.norm(error))),
@@ -446,11 +447,6 @@ def make_fused_recordings(count: int = 6) -> ItemResult:
 def _predicted(row: Mapping[str, float | str]) -> str:
     """The error of the propagated attitude that the stated error of the rate alone gives."""
     return f"{AHEAD * float(row['std_rate_deg_s']):.2g} deg by the stated rate"
-
-
-def _true_ratios(moments: tuple[float, float, float]) -> Float[np.ndarray, "2"]:
-    low, middle, high = sorted(moments)
-    return np.log([high / middle, middle / low])
 
 
 def _ratios_of(belief: Gaussian) -> Float[np.ndarray, "2"]:

@@ -404,7 +404,7 @@ def observation_correlation(rows: LinearRows) -> ObservationCorrelation | None:
         found.append((observations.landmark[used], observations.epoch[used], left.observations[used, :, 0]))
     for sensor, rest in zip(rows.problem.motion.sensors, left.sensors, strict=True):
         if len(np.unique(sensor.epoch)) < len(sensor.epoch) and sensor.parameters.shape[1] >= POINT:
-            landmark = np.unique(sensor.parameters[:, :POINT], axis=0, return_inverse=True)[1].ravel()
+            landmark = _numbers_of_points(sensor.parameters[:, :POINT])
             counted = np.abs(rest[:, :, 0]).max(axis=1) > 0
             found.append((landmark[counted], sensor.epoch[counted], rest[counted, :, 0]))
     for landmark, epoch, rest in found:
@@ -416,6 +416,15 @@ def observation_correlation(rows: LinearRows) -> ObservationCorrelation | None:
         return None
     value = products / float(np.sqrt(squares[0] * squares[1]))
     return ObservationCorrelation(value, value * float(np.sqrt(count)))
+
+
+def _numbers_of_points(points: Float[np.ndarray, "r 3"]) -> Int[np.ndarray, " r"]:
+    """The number of each row's point among all that differ, in ascending order."""
+    # points that share their first coordinate are rare: to sort one column takes a fifth of the time
+    _, first, number = np.unique(points[:, 0], return_index=True, return_inverse=True)
+    if (points[first][number] == points).all():
+        return number
+    return np.unique(points, axis=0, return_inverse=True)[1].ravel()
 
 
 def _neighbours(

@@ -17,7 +17,7 @@ from spinfilters.smoother.problem import (
     NormalEquations,
     Problem,
     Stage,
-    with_common_constants,
+    with_last_constants,
 )
 from spinfilters.smoother.solver import SolverOptions, solve
 from spinfilters.verdict.model_errors.linear_rows import LinearRows
@@ -78,7 +78,7 @@ def solved_near(
     stage: Stage = STAGE,
 ) -> LinearRows | None:
     """The linear problem at the most probable states near a trajectory; None where it has no solution."""
-    common = np.ascontiguousarray(with_common_constants(problem.layout, trajectory[::-1])[::-1])
+    common = with_last_constants(problem.layout, trajectory)
     here = problem.at(common, points, stage.pose_only_loss)
     found = solve(problem, here, SolverOptions(ITERATIONS), _OneStage(stage))
     return LinearRows(problem, found.point, found.normal) if found.normal.solved else None

@@ -308,14 +308,23 @@ class ColumnProducts:
     own: Float[np.ndarray, "c m m"]
 
     @classmethod
-    def of(cls, rows: LinearRows, noise: NoiseComponents, given: Sequence[Columns]) -> "ColumnProducts":
-        """Of all right-hand sides together; those of measurements stand first."""
+    def of(cls, rows: LinearRows, noise: NoiseComponents, given: list[Columns]) -> "ColumnProducts":
+        """Of all right-hand sides together; those of measurements stand first.
+
+        In the list, those of measurements become views of what joins them: there is no room for both.
+        """
         order = sorted(range(len(given)), key=lambda k: not given[k].is_measured)
         ends = np.cumsum([0, *(given[k].count for k in order)]).tolist()
         places = {k: slice(a, b) for k, a, b in zip(order, ends, ends[1:], strict=False)}
         driven = [each.of_motion for each in given if not each.is_measured]
         groups = [[each for each in given if each.is_measured], driven]
-        solved = _SolvedRows.of(rows, [Columns.joined(group) for group in groups if group])
+        together = [Columns.joined(group) for group in groups if group]
+        groups.clear()
+        for k, each in enumerate(given):
+            if each.is_measured:
+                view = together[0].part(places[k])
+                given[k] = view if each.states is not None else replace(view, states=None)
+        solved = _SolvedRows.of(rows, together)
         shared, own = solved.by_component(noise)
         return cls(
             tuple(places[k] for k in range(len(given))),

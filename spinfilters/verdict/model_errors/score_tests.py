@@ -274,7 +274,7 @@ def score_tests(
     """Score tests of all errors that apply and that the states leave room for, the most explaining first."""
     left = _UnexplainedResiduals(motion.rows.left, noise.squares(motion.rows.left))
     found: list[ScoreTest | None] = []
-    constant: list[_ErrorColumns] = []
+    constant, given = list[Alternative](), list[Columns]()
     for error in errors:
         columns = None if error.is_held(motion) else error.columns(motion)
         if columns is None:
@@ -282,8 +282,10 @@ def score_tests(
         if error.by_epoch:
             found.append(_by_epoch(motion, noise, _ErrorColumns(error, columns), left))
         else:
-            constant.append(_ErrorColumns(error, columns))
-    found += _constant(motion, noise, constant)
+            constant.append(error)
+            given.append(columns)
+        del columns
+    found += _constant(motion, noise, constant, given)
     return sorted((each for each in found if each is not None), key=lambda each: -each.merit)
 
 
@@ -314,13 +316,15 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
 
 
 def _constant(
-    motion: SmoothedMotion, noise: NoiseComponents, errors: list[_ErrorColumns]
+    motion: SmoothedMotion, noise: NoiseComponents, errors: list[Alternative], given: list[Columns]
 ) -> list[ScoreTest | None]:
+    """Errors of the whole recording, with the right-hand sides of each."""
     if not errors:
         return []
-    every = ColumnProducts.of(motion.rows, noise, [columns for _, columns in errors])
+    every = ColumnProducts.of(motion.rows, noise, given)
+    named = map(_ErrorColumns, errors, given)
     return [
-        _test_error(motion, noise, each, own, every) for each, own in zip(errors, every.places, strict=True)
+        _test_error(motion, noise, each, own, every) for each, own in zip(named, every.places, strict=True)
     ]
 
 
