@@ -196,11 +196,12 @@ _FLAGS = (
     "-fno-trapping-math",
     "-fno-signed-zeros",
 )
-_FAR, _NODE, _PACKED = (
+_FAR, _NODE, _PACKED, _TALL = (
     1e300,
     8,
     12,
-)  # as in tracer.c: distance of a miss, words of a node, numbers of a triangle
+    4,
+)  # as in tracer.c: distance of a miss, words of a node, numbers of a triangle, rows of a tile
 _RAYS = 4096  # rays of a task, at least
 _I, _D, _P = ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
 
@@ -221,7 +222,8 @@ def _library() -> ctypes.CDLL | None:
         loaded._name
     )  # the same library, called without the interpreter's lock: rays go to all cores
     library.build_tree.argtypes = [_I, _P, _D, *[_P] * 4]
-    library.trace.argtypes = [_I, *[_P] * 5, _D, _D, _P, _P]
+    library.trace.argtypes = [_I, _I, *[_P] * 5, _D, _D, _P, _P]
+    library.row_length.argtypes, library.row_length.restype = [_I, _P], _I
     library.build_tree.restype = library.trace.restype = None
     return library
 
@@ -244,7 +246,10 @@ class NativeTracer:
         origins = np.ascontiguousarray(np.broadcast_to(origins, (n, 3)), dtype=np.float64)
         directions = np.ascontiguousarray(directions, dtype=np.float64)
         distance, triangle = np.empty(n), np.empty(n, np.int64)
+        across = self._library.row_length(n, address(directions)) if n else 0
         edges = np.linspace(0, n, max(1, min(8 * cores, n // _RAYS)) + 1).astype(int)
+        if across:  # a task has whole bands of rows, which are traced in tiles
+            edges[1:-1] -= edges[1:-1] % (_TALL * across)
 
         def trace(first: int, end: int) -> None:
             """Trace the rays from first to before end."""
@@ -252,7 +257,7 @@ class NativeTracer:
             given = (origins[rows], directions[rows], self._nodes, self._order, self._packed)
             made = (distance[rows], triangle[rows])
             tolerances = (EDGE_TOLERANCE, self._both_sides)
-            self._library.trace(end - first, *map(address, given), *tolerances, *map(address, made))
+            self._library.trace(end - first, across, *map(address, given), *tolerances, *map(address, made))
 
         parts = edges[:-1].tolist(), edges[1:].tolist()
         if len(edges) == 2 or cores == 1:

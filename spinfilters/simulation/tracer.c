@@ -8,8 +8,9 @@
 #include <string.h>
 
 typedef long long integer;
-typedef struct { double low[3], high[3]; integer first, count; } Node; /* count 0: children first and first + 1 */
+typedef struct { double sides[6]; integer first, count; } Node; /* low and high; count 0: children first and first + 1 */
 enum { LANES = 16, BINS = 16, LEAF = 4, BALANCED_DEPTH = 48, STACK = 160 };
+enum { WIDE = 4, TALL = LANES / WIDE, NEAR_STEPS = 4 };
 static const double FAR = 1e300, PADDING = 1e-8;
 
 typedef struct { double low[3], high[3]; } Box;
@@ -113,7 +114,7 @@ static void split(const Box* boxes, integer* order, Node* nodes, integer at, int
     Node* node = &nodes[child + side];
     Box box = nothing();
     for (integer k = 0; k < sizes[side]; ++k) grow(&box, &boxes[order[starts[side] + k]]);
-    memcpy(node->low, box.low, sizeof box);
+    memcpy(node->sides, &box, sizeof box);
     node->first = starts[side];
     node->count = sizes[side];
   }
@@ -144,7 +145,7 @@ void build_tree(integer n, const double* corners, double smallest, Node* nodes, 
     order[k] = k;
     grow(&all, &box);
   }
-  memcpy(nodes[0].low, all.low, sizeof all);
+  memcpy(nodes[0].sides, &all, sizeof all);
   nodes[0].first = 0;
   nodes[0].count = n;
   integer used = 1;
@@ -163,11 +164,46 @@ void build_tree(integer n, const double* corners, double smallest, Node* nodes, 
   }
 }
 
-typedef struct { double o[3][LANES], d[3][LANES], inverse[3][LANES], t[LANES]; integer hit[LANES]; } Packet;
+typedef struct { double o[3][LANES], d[3][LANES], inverse[3][LANES], t[LANES]; integer hit[LANES], entry[3]; } Packet;
+
+/* The number of a box, low [3] and high [3], by which all rays enter it along each axis; entry[0] is -1 where rays differ. */
+static void find_entries(Packet* p) {
+  integer differ = 0;
+  for (int a = 0; a < 3; ++a) {
+    integer negative = 0;
+    for (int k = 0; k < LANES; ++k) negative += p->inverse[a][k] < 0;
+    p->entry[a] = negative ? 3 + a : a;
+    differ |= negative && negative < LANES;
+  }
+  if (differ) p->entry[0] = -1;
+}
+
+/* `meets` of rays that all enter by the same sides, whose order then needs no comparison. */
+static integer meets_by_entries(const Packet* p, const double* sides) {
+  double enter[3], leave[3];
+  integer any = 0;
+  /* the other side of axis a is 3 + a or a */
+  for (int a = 0; a < 3; ++a) {
+    enter[a] = sides[p->entry[a]];
+    leave[a] = sides[2 * a + 3 - p->entry[a]];
+  }
+  for (int k = 0; k < LANES; ++k) {
+    double near = 0, far = p->t[k];
+    for (int a = 0; a < 3; ++a) {
+      const double first = (enter[a] - p->o[a][k]) * p->inverse[a][k], last = (leave[a] - p->o[a][k]) * p->inverse[a][k];
+      near = first > near ? first : near;
+      far = last < far ? last : far;
+    }
+    any += near <= far * (1 + 1e-12);
+  }
+  return any;
+}
 
 /* How many lanes meet a box before their nearest hit: slab test, entry and exit along each axis (1 / d is stored). */
-static integer meets(const Packet* p, const double* low, const double* high) {
+static integer meets(const Packet* p, const Node* node) {
+  const double *low = node->sides, *high = low + 3;
   integer any = 0;
+  if (p->entry[0] >= 0) return meets_by_entries(p, low);
   /* lane k: latest entry and earliest exit over the axes, with a margin for rounding */
   for (int k = 0; k < LANES; ++k) {
     double near = 0, far = p->t[k];
@@ -204,11 +240,11 @@ static void intersect(Packet* p, const double* v, integer triangle, double toler
 /* Nearest hits of a packet, depth first; the child nearer along lane 0 comes first, so that hits in it exclude the other. */
 static void walk(Packet* p, const Node* nodes, const double* packed, double tolerance, double both_sides) {
   integer stack[STACK], depth = 0;
-  if (meets(p, nodes[0].low, nodes[0].high)) stack[depth++] = 0;
+  if (meets(p, nodes)) stack[depth++] = 0;
   /* depth first: a leaf's triangles are intersected; of an inner node both children are pushed, the nearer on top */
   while (depth) {
     const Node* node = &nodes[stack[--depth]];
-    if (!meets(p, node->low, node->high)) continue; /* again: hits found since it was pushed may be nearer */
+    if (!meets(p, node)) continue; /* again: hits found since it was pushed may be nearer */
     if (node->count) {
       for (integer k = 0; k < node->count; ++k)
         intersect(p, packed + 12 * (node->first + k), node->first + k, tolerance, both_sides);
@@ -218,35 +254,73 @@ static void walk(Packet* p, const Node* nodes, const double* packed, double tole
     /* Direction of lane 0 times the vector from the first child's centre to the second's (doubled): its sign orders the pair. */
     double ahead = 0;
     for (int a = 0; a < 3; ++a)
-      ahead += p->d[a][0] * (pair[1].low[a] + pair[1].high[a] - pair[0].low[a] - pair[0].high[a]);
+      ahead += p->d[a][0] * (pair[1].sides[a] + pair[1].sides[3 + a] - pair[0].sides[a] - pair[0].sides[3 + a]);
     integer near = ahead > 0 ? 0 : 1;
     stack[depth++] = node->first + 1 - near;
     stack[depth++] = node->first + near;
   }
 }
 
-/* Distances (FAR for a miss) and triangles (-1) of n rays with unit directions. */
-void trace(integer n, const double* origins, const double* directions, const Node* nodes, const integer* order,
-           const double* packed, double tolerance, double both_sides, double* distances, integer* hits) {
+static double square_between(const double* a, const double* b) {
+  const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+  return x * x + y * y + z * z;
+}
+
+/* Rays in a row of a scan: those before the first step of the direction that is NEAR_STEPS times as long as the first one; 0
+ * where the next row does not begin close to this one, or no row of as many follows it. */
+integer row_length(integer n, const double* directions) {
+  const double limit = n > 1 ? NEAR_STEPS * NEAR_STEPS * square_between(directions, directions + 3) : 0;
+  integer count = 1;
+  while (count < n && square_between(directions + 3 * count, directions + 3 * (count - 1)) <= limit) ++count;
+  if (count < WIDE || 2 * count >= n) return 0;
+  const double *next = directions + 3 * count, *third = next + 3 * count;
+  if (square_between(next, directions) > limit) return 0;
+  return square_between(third, third - 3) > limit && square_between(third, next) <= limit ? count : 0;
+}
+
+/* Nearest hits of the rays of one packet, stored at their places in n rays. */
+static void trace_packet(const integer* rays, const double* origins, const double* directions, const Node* nodes,
+                         const integer* order, const double* packed, double tolerance, double both_sides, double* distances,
+                         integer* hits) {
   Packet p;
-  for (integer start = 0; start < n; start += LANES) {
-    /* Load LANES rays, component by component; the last packet repeats the last ray. Zero directions get a finite inverse. */
-    for (int k = 0; k < LANES; ++k) {
-      integer ray = start + k < n ? start + k : n - 1;
-      for (int a = 0; a < 3; ++a) {
-        double d = directions[3 * ray + a];
-        p.o[a][k] = origins[3 * ray + a];
-        p.d[a][k] = d;
-        p.inverse[a][k] = 1 / (fabs(d) < 1e-150 ? copysign(1e-150, d) : d);
+  /* Load LANES rays, component by component. Zero directions get a finite inverse. */
+  for (int k = 0; k < LANES; ++k) {
+    for (int a = 0; a < 3; ++a) {
+      double d = directions[3 * rays[k] + a];
+      p.o[a][k] = origins[3 * rays[k] + a];
+      p.d[a][k] = d;
+      p.inverse[a][k] = 1 / (fabs(d) < 1e-150 ? copysign(1e-150, d) : d);
+    }
+    p.t[k] = FAR;
+    p.hit[k] = -1;
+  }
+  find_entries(&p);
+  walk(&p, nodes, packed, tolerance, both_sides);
+  /* Store: hits are places in the order of leaves, `order` maps them to triangles; a ray that is repeated is stored again. */
+  for (int k = 0; k < LANES; ++k) {
+    distances[rays[k]] = p.t[k];
+    hits[rays[k]] = p.hit[k] < 0 ? -1 : order[p.hit[k]];
+  }
+}
+
+/* Distances (FAR for a miss) and triangles (-1) of n rays with unit directions, in rows of `across` rays; 0: in no rows. */
+void trace(integer n, integer across, const double* origins, const double* directions, const Node* nodes, const integer* order,
+           const double* packed, double tolerance, double both_sides, double* distances, integer* hits) {
+  const integer bands = across ? n / (across * TALL) : 0;
+  integer rays[LANES];
+  /* TALL rows at a time, in tiles of WIDE columns: their rays lie closer together than as many of one row, and meet fewer boxes.
+   * The last tile of a band repeats its last column. */
+  for (integer band = 0; band < bands; ++band)
+    for (integer left = 0; left < across; left += WIDE) {
+      for (int k = 0; k < LANES; ++k) {
+        const integer column = left + k % WIDE;
+        rays[k] = (band * TALL + k / WIDE) * across + (column < across ? column : across - 1);
       }
-      p.t[k] = FAR;
-      p.hit[k] = -1;
+      trace_packet(rays, origins, directions, nodes, order, packed, tolerance, both_sides, distances, hits);
     }
-    walk(&p, nodes, packed, tolerance, both_sides);
-    /* Store: hits are places in the order of leaves, `order` maps them to triangles. */
-    for (int k = 0; k < LANES && start + k < n; ++k) {
-      distances[start + k] = p.t[k];
-      hits[start + k] = p.hit[k] < 0 ? -1 : order[p.hit[k]];
-    }
+  /* The rays that are left in their order; the last packet repeats the last ray. */
+  for (integer start = bands * TALL * across; start < n; start += LANES) {
+    for (int k = 0; k < LANES; ++k) rays[k] = start + k < n ? start + k : n - 1;
+    trace_packet(rays, origins, directions, nodes, order, packed, tolerance, both_sides, distances, hits);
   }
 }

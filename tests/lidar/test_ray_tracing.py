@@ -50,6 +50,21 @@ def test_the_fastest_tracer_agrees_with_brute_force(distance: float) -> None:
     np.testing.assert_array_equal(fast.triangle[~hit], -1)
 
 
+@pytest.mark.parametrize("side", [(3, 50), (4, 4), (33, 18), (50, 7), (101, 97)])
+def test_rays_in_rows_are_traced_as_each_by_itself(side: tuple[int, int]) -> None:
+    mesh, angles = spacecraft(), RayPattern((40.0, 40.0), side).directions()
+    directions = unit_vectors(angles.azimuth, angles.elevation)
+    origins = np.broadcast_to(np.array([-12.0, 0.3, 0.1]), directions.shape)
+    order = np.random.default_rng(3).permutation(len(directions))
+    together = ray_tracer(mesh).hits(origins, directions)
+    mixed, slow = (
+        tracer.hits(origins, directions[order]) for tracer in (ray_tracer(mesh), BruteForceTracer(mesh))
+    )
+    assert np.isfinite(together.distance).any()
+    np.testing.assert_array_equal(together.distance[order], mixed.distance)
+    np.testing.assert_allclose(together.distance[order], slow.distance, rtol=0, atol=1e-11)
+
+
 def test_a_hit_lies_on_its_triangle_which_faces_the_ray(tracer_of: TracerOf) -> None:
     mesh = spacecraft()
     origins, directions = rays(2000, 2, 20.0)
