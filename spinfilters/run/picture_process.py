@@ -46,7 +46,7 @@ _ENVIRONMENT: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPL
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class PictureSource:
     """What a picture shows: data that are sent, or else the run folder that holds them.
 
     Attributes
@@ -60,7 +60,7 @@ class Source:
     figure_data: FigureData | None = None
     folder: Path | None = None
 
-    def is_same(self, other: "Source | None") -> bool:
+    def is_same(self, other: "PictureSource | None") -> bool:
         """Whether both are the same data, or the same folder."""
         return other is not None and (self.figure_data is other.figure_data and self.folder == other.folder)
 
@@ -86,10 +86,10 @@ class Painter:
 
     def __init__(self, connection: ConnectionEnd) -> None:
         self._connection = connection
-        self._source: Source | None = None
+        self._source: PictureSource | None = None
         self._sent: list[object] = []
 
-    def drawn(self, name: str, source: Source) -> bytes | None:
+    def drawn(self, name: str, source: PictureSource) -> bytes | None:
         """Content of a picture's file; None where the process has ended, or cannot be sent what it shows."""
         if not source.is_same(self._source):
             if source.folder is not None and self._open(source.folder) is None:
@@ -212,7 +212,7 @@ class _Picture:
     """A picture that was asked for, and what it shows."""
 
     name: str
-    source: Source
+    source: PictureSource
 
 
 class EarlyPictures:
@@ -264,7 +264,7 @@ class EarlyPictures:
         possible = [name for name in _files_of(figure_data) if name in ready]
         with self._changed:
             offered = {each.name for each in self._every()}
-            source = Source(figure_data)
+            source = PictureSource(figure_data)
             self._waiting.extend(_Picture(name, source) for name in possible if name not in offered)
             self._changed.notify_all()
 
@@ -276,7 +276,7 @@ class EarlyPictures:
         folder : Path or None
             Where the run is written, for data that are too large to be sent; None as long as it is not.
         """
-        source = Source(figure_data) if _can_be_sent(figure_data) else Source(folder=folder)
+        source = PictureSource(figure_data) if _can_be_sent(figure_data) else PictureSource(folder=folder)
         with self._changed:
             valid = {
                 each

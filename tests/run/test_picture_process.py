@@ -20,7 +20,7 @@ from spinfilters.run.comparison_run import RunOutput, compare_into
 from spinfilters.run.picture_process import (
     EarlyPictures,
     PictureProcess,
-    Source,
+    PictureSource,
     draw_together,
     picture_processes,
 )
@@ -57,7 +57,7 @@ def redrawn(run: Path, process: PictureProcess) -> Pixels:
 def test_a_further_process_draws_the_same_pictures(run: Path, sends_data: bool) -> None:
     process = PictureProcess()
     try:
-        source = Source(read_figure_data(run)) if sends_data else Source(folder=run)
+        source = PictureSource(read_figure_data(run)) if sends_data else PictureSource(folder=run)
         for name, wanted in pixels(run).items():
             content = process.drawn(name, source)
             assert content is not None
@@ -71,7 +71,7 @@ def test_the_twin_of_a_process_draws_the_same_pictures(run: Path) -> None:
     if process.twin is None:
         pytest.skip("no copies of processes on this system")
     try:
-        data, name = Source(read_figure_data(run)), picture_files(NAMES)[0]
+        data, name = PictureSource(read_figure_data(run)), picture_files(NAMES)[0]
         contents = [painter.drawn(name, data) for painter in (process.twin, process, process.twin)]
         assert contents[0] is not None
         assert contents == [contents[0]] * 3
