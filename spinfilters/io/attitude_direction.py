@@ -57,7 +57,14 @@ def factor_of_rates(
 ) -> float:
     """Factor by which rates over the steps of a clock are the rotations of a quaternion, by least squares; 0 where none fits.
 
-    Parameters: as `quaternion_direction`.
+    Parameters
+    ----------
+    time : Float[np.ndarray, ' n']
+        In any unit, rising.
+    q : Float[np.ndarray, 'n 4']
+        Scalar last.
+    rates : Float[np.ndarray, 'n 3']
+        In any unit.
     """
     turned = _turned(q)
     mean = 0.5 * (rates[1:] + rates[:-1]) * np.diff(time)[:, None]

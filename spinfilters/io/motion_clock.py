@@ -228,7 +228,15 @@ def clock_seconds(
 ) -> tuple[Float[np.ndarray, " n"], str]:
     """Times of the rows, s from any origin, and the unit of the clock, which is the first column; without a clock by the rate.
 
-    Parameters: as `timed`. InputError: as `clock_unit`.
+    Parameters
+    ----------
+    speed : Float[np.ndarray, ' n'] | None
+        rad/s at the rows, None where not known.
+
+    Raises
+    ------
+    InputError
+        As `clock_unit`.
     """
     if columns.time is None:
         return np.arange(len(table.values)) / (options.rate or 1.0), "s"

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -42,8 +43,26 @@ LARGEST_SENT: Final = 32_000_000
 DRAWN_WHILE_LOADING: Final = 2
 """Pictures that a process draws while another one loads what draws."""
 _ENVIRONMENT: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "agg"}
-Source = FigureData | Path
-"""What a picture shows: data, or a run folder that holds them."""
+
+
+@dataclass(frozen=True, eq=False)
+class PictureSource:
+    """What a picture shows: data that are sent, or else the run folder that holds them.
+
+    Attributes
+    ----------
+    figure_data : FigureData or None
+        The data; None of a folder.
+    folder : Path or None
+        The folder; None of data.
+    """
+
+    figure_data: FigureData | None = None
+    folder: Path | None = None
+
+    def is_same(self, other: "PictureSource | None") -> bool:
+        """Whether both are the same data, or the same folder."""
+        return other is not None and (self.figure_data is other.figure_data and self.folder == other.folder)
 
 
 class ConnectionEnd(Protocol):
@@ -67,14 +86,15 @@ class Painter:
 
     def __init__(self, connection: ConnectionEnd) -> None:
         self._connection = connection
-        self._source: Source | None = None
+        self._source: PictureSource | None = None
         self._sent: list[object] = []
 
-    def drawn(self, name: str, source: Source) -> bytes | None:
+    def drawn(self, name: str, source: PictureSource) -> bytes | None:
         """Content of a picture's file; None where the process has ended, or cannot be sent what it shows."""
-        if source is not self._source:
-            done = self._open(source) if isinstance(source, Path) else self._show(source)
-            if done is None:
+        if not source.is_same(self._source):
+            if source.folder is not None and self._open(source.folder) is None:
+                return None
+            if source.figure_data is not None and self._show(source.figure_data) is None:
                 return None
             self._source = source
         return self._answer("draw", name)
@@ -85,12 +105,20 @@ class Painter:
 
     def _show(self, figure_data: FigureData) -> bytes | None:
         """Send it data; a part that was sent before is not sent again."""
-        parts = (figure_data.dataset, *figure_data.evaluations)
-        new = [part for part in parts if not any(part is each for each in self._sent)]
-        self._sent += new
-        places = [next(k for k, each in enumerate(self._sent) if each is part) for part in parts]
-        sent = [_without_models(part) if isinstance(part, Evaluation) else part for part in new]
-        return self._answer("show", sent, places, figure_data.map_points, figure_data.conditions)
+        new = list[object]()
+
+        def place(part: object, as_sent: Callable[[], object]) -> int:
+            """Where a part is among those sent; a new one is the next."""
+            for number, each in enumerate(self._sent):
+                if each is part:
+                    return number
+            self._sent.append(part)
+            new.append(as_sent())
+            return len(self._sent) - 1
+
+        places = [place(figure_data.dataset, lambda: figure_data.dataset)]
+        places += [place(each, partial(_without_models, each)) for each in figure_data.evaluations]
+        return self._answer("show", new, places, figure_data.map_points, figure_data.conditions)
 
     def _answer(self, *request: object) -> bytes | None:
         """What it answers to a request; None for no answer."""
@@ -184,7 +212,7 @@ class _Picture:
     """A picture that was asked for, and what it shows."""
 
     name: str
-    source: Source
+    source: PictureSource
 
 
 class EarlyPictures:
@@ -236,7 +264,8 @@ class EarlyPictures:
         possible = [name for name in _files_of(figure_data) if name in ready]
         with self._changed:
             offered = {each.name for each in self._every()}
-            self._waiting.extend(_Picture(name, figure_data) for name in possible if name not in offered)
+            source = PictureSource(figure_data)
+            self._waiting.extend(_Picture(name, source) for name in possible if name not in offered)
             self._changed.notify_all()
 
     def take_all(self, figure_data: FigureData, folder: Path | None = None) -> None:
@@ -247,15 +276,18 @@ class EarlyPictures:
         folder : Path or None
             Where the run is written, for data that are too large to be sent; None as long as it is not.
         """
-        source = figure_data if _can_be_sent(figure_data) else folder
+        source = PictureSource(figure_data) if _can_be_sent(figure_data) else PictureSource(folder=folder)
         with self._changed:
             valid = {
-                each for each in self._every() if each.source is source or self._is_of(each, figure_data)
+                each
+                for each in self._every()
+                if each.source.is_same(source) or self._is_of(each, figure_data)
             }
             names = {each.name for each in valid}
             missing = [name for name in _files_of(figure_data) if name not in names]
             # The summary is among the missing ones, and takes longest of what is left.
-            first = [] if source is None else [_Picture(name, source) for name in missing]
+            is_there = source.figure_data is not None or folder is not None
+            first = [_Picture(name, source) for name in missing] if is_there else []
             self._waiting = deque([*first, *(each for each in self._waiting if each in valid)])
             self._begun = {process: each for process, each in self._begun.items() if each in valid}
             self._drawn = {each: content for each, content in self._drawn.items() if each in valid}
@@ -297,9 +329,10 @@ class EarlyPictures:
 
     def _is_of(self, picture: _Picture, final: FigureData) -> bool:
         """Whether a picture of early data shows estimates alone, and those of the run."""
-        if isinstance(picture.source, Path) or picture.name not in self._shown:
+        shown = picture.source.figure_data
+        if shown is None or picture.name not in self._shown:
             return False
-        early, late = ({each.name: each for each in data.evaluations} for data in (picture.source, final))
+        early, late = ({each.name: each for each in data.evaluations} for data in (shown, final))
         return all(early[name].has_estimates_of(late[name]) for name in self._shown[picture.name])
 
     def _start(self, painters: Sequence[Painter]) -> None:

@@ -11,8 +11,8 @@ from types import ModuleType
 import casadi as ca
 
 from spinfilters.core import c_library
-from spinfilters.core.c_library import load_loop
-from spinfilters.core.compiled import Compiled, Loader
+from spinfilters.core.c_library import kept_loop, load_loop
+from spinfilters.core.compiled import PATIENCE, Compiled, Loader
 from spinfilters.evaluation.recording_bound import without_bounds
 from spinfilters.filters import timeline as run
 from spinfilters.inference import smoother_run
@@ -47,10 +47,14 @@ def watch_building() -> None:
     construct, building = Compiled.__init__, c_library.building
 
     def constructed(
-        self: Compiled, function: ca.Function, load: Loader = load_loop, patience: int = 0
+        self: Compiled,
+        function: ca.Function,
+        load: Loader = load_loop,
+        patience: float = PATIENCE,
+        kept: Loader = kept_loop,
     ) -> None:
         noted(function.name())
-        construct(self, function, load, patience)
+        construct(self, function, load, patience, kept)
 
     @contextmanager
     def watched() -> Iterator[None]:

@@ -17,7 +17,13 @@ from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.plots.figures import early_pictures, figure_names, picture_files
 from spinfilters.run import picture_process
 from spinfilters.run.comparison_run import RunOutput, compare_into
-from spinfilters.run.picture_process import EarlyPictures, PictureProcess, draw_together, picture_processes
+from spinfilters.run.picture_process import (
+    EarlyPictures,
+    PictureProcess,
+    PictureSource,
+    draw_together,
+    picture_processes,
+)
 from spinfilters.run.run_folder import read_figure_data
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
@@ -51,7 +57,7 @@ def redrawn(run: Path, process: PictureProcess) -> Pixels:
 def test_a_further_process_draws_the_same_pictures(run: Path, sends_data: bool) -> None:
     process = PictureProcess()
     try:
-        source = read_figure_data(run) if sends_data else run
+        source = PictureSource(read_figure_data(run)) if sends_data else PictureSource(folder=run)
         for name, wanted in pixels(run).items():
             content = process.drawn(name, source)
             assert content is not None
@@ -65,7 +71,7 @@ def test_the_twin_of_a_process_draws_the_same_pictures(run: Path) -> None:
     if process.twin is None:
         pytest.skip("no copies of processes on this system")
     try:
-        data, name = read_figure_data(run), picture_files(NAMES)[0]
+        data, name = PictureSource(read_figure_data(run)), picture_files(NAMES)[0]
         contents = [painter.drawn(name, data) for painter in (process.twin, process, process.twin)]
         assert contents[0] is not None
         assert contents == [contents[0]] * 3
