@@ -22,8 +22,6 @@ MOST_IDLE: Final = 16
 """Buffers of a function that are kept while no call needs them: as many as threads have called it at once."""
 MOST_MAPPED = 1024
 """Items that one virtual machine takes at once: to build one takes as long as to run it, and counts vary."""
-PATIENCE: Final = 0.2
-"""Processor time that is spent on interpreting before a compiler runs, where no earlier run has left the library, s."""
 WORTH_COMPILING: Final = 1.0
 """Processor time that a compiler takes, s."""
 Loader = Callable[[ca.Function], ctypes.PyDLL | None]
@@ -62,7 +60,7 @@ class Compiled:
         self,
         function: ca.Function,
         load: Loader = load_loop,
-        patience: float = PATIENCE,
+        patience: float = 0.0,
         kept: Loader = kept_loop,
     ) -> None:
         self._load, self._patience, self._kept = load, patience, kept
@@ -128,11 +126,11 @@ class Compiled:
                     self._loaded = True
 
     def _look(self) -> None:
-        """Take the library that is there already; without one the first items are interpreted."""
+        """Take the library, made now if need be; with patience only one that is there already."""
         with building():
             if not self._looked and not self._loaded:
-                self._library = self._kept(self._function)
-                self._loaded = self._library is not None
+                self._library = (self._load if self._patience <= 0 else self._kept)(self._function)
+                self._loaded = self._library is not None or self._patience <= 0
             self._looked = True
 
     def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader, float, Loader]]:

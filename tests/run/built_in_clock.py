@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from types import ModuleType
+from typing import Any
 
 import casadi as ca
 
 from spinfilters.core import c_library
-from spinfilters.core.c_library import kept_loop, load_loop
-from spinfilters.core.compiled import PATIENCE, Compiled, Loader
+from spinfilters.core.compiled import Compiled
 from spinfilters.evaluation.recording_bound import without_bounds
 from spinfilters.filters import timeline as run
 from spinfilters.inference import smoother_run
@@ -46,15 +46,9 @@ def watch_building() -> None:
     """Of expressions, and of libraries."""
     construct, building = Compiled.__init__, c_library.building
 
-    def constructed(
-        self: Compiled,
-        function: ca.Function,
-        load: Loader = load_loop,
-        patience: float = PATIENCE,
-        kept: Loader = kept_loop,
-    ) -> None:
+    def constructed(self: Compiled, function: ca.Function, *loading: Any, **named: Any) -> None:
         noted(function.name())
-        construct(self, function, load, patience, kept)
+        construct(self, function, *loading, **named)
 
     @contextmanager
     def watched() -> Iterator[None]:
