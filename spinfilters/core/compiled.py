@@ -7,7 +7,6 @@ import ctypes
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from time import thread_time
 from typing import Any, Final, NamedTuple
 
 import casadi as ca
@@ -22,8 +21,8 @@ MOST_IDLE: Final = 16
 """Buffers of a function that are kept while no call needs them: as many as threads have called it at once."""
 MOST_MAPPED = 1024
 """Items that one virtual machine takes at once: to build one takes as long as to run it, and counts vary."""
-WORTH_COMPILING: Final = 1.0
-"""Processor time that a compiler takes, s."""
+WORTH_COMPILING: Final = 100_000
+"""Items of which the interpretation takes about as long as a compiler."""
 Loader = Callable[[ca.Function], ctypes.PyDLL | None]
 """Makes the C library of a function's loop, or None to interpret it."""
 
@@ -45,8 +44,8 @@ class Compiled:
         non-zeros.
     load : Loader
         Makes its library; see `Compiled.interpreted` for one that never runs a compiler.
-    patience : float
-        Processor time of interpreting before a compiler runs, s.
+    patience : int
+        Items that are interpreted before a compiler runs.
     kept : Loader
         Finds the library where it is there already, as it is asked before the first item.
 
@@ -60,7 +59,7 @@ class Compiled:
         self,
         function: ca.Function,
         load: Loader = load_loop,
-        patience: float = 0.0,
+        patience: int = 0,
         kept: Loader = kept_loop,
     ) -> None:
         self._load, self._patience, self._kept = load, patience, kept
@@ -133,7 +132,7 @@ class Compiled:
                 self._loaded = self._library is not None or self._patience <= 0
             self._looked = True
 
-    def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader, float, Loader]]:
+    def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader, int, Loader]]:
         """Buffers and libraries do not pickle: another process builds its own from the expression."""
         return Compiled, (self._function, self._load, self._patience, self._kept)
 
@@ -185,11 +184,10 @@ class Compiled:
         flat, first = [a.reshape(-1) for a in arrays], 0
         while first < count and self._library is None:
             stop = min(first + MOST_MAPPED, count)
-            begin = 0.0 if self._loaded else thread_time()
             taken = [a[s * first : s * stop] if s else a for a, s in zip(flat, strides, strict=True)]
             self._interpret(stop - first, taken, strides, [result[first:stop] for result in results])
             if not self._loaded:
-                self._patience -= thread_time() - begin
+                self._patience -= stop - first
                 if self._patience < 0:
                     self.build()
             first = stop

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -302,24 +301,11 @@ def _library_of(function: ca.Function, folder: Path) -> Path:
     return library
 
 
-@pytest.fixture
-def every_item_takes_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of processor time, while it is interpreted."""
-    spent, interpret = [0.0], Compiled._interpret
-
-    def interpret_slowly(self: Compiled, count: int, *others: Any) -> None:
-        spent[0] += count
-        interpret(self, count, *others)
-
-    monkeypatch.setattr(Compiled, "_interpret", interpret_slowly)
-    monkeypatch.setattr(compiled, "thread_time", lambda: spent[0])
-
-
-@pytest.mark.usefixtures("every_item_takes_a_second", "c_compiler")
+@pytest.mark.usefixtures("c_compiler")
 def test_a_late_function_is_compiled_once_a_compiler_would_have_repaid_and_keeps_its_numbers(
     own_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiled, "WORTH_COMPILING", 10.0)
+    monkeypatch.setattr(compiled, "WORTH_COMPILING", 10)
     function, arguments = Compiled.late(_affine_function()), _arguments(8)
     first = function(*arguments)
     assert not list(own_cache.rglob("*.so"))
@@ -328,29 +314,29 @@ def test_a_late_function_is_compiled_once_a_compiler_would_have_repaid_and_keeps
     assert all(map(np.array_equal, first, function(*arguments)))
 
 
-@pytest.mark.usefixtures("every_item_takes_a_second", "c_compiler")
+@pytest.mark.usefixtures("c_compiler")
 def test_first_items_are_interpreted_and_a_library_that_is_there_is_taken_at_once(
     own_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    function, arguments = Compiled(_affine_function(), patience=10.0), _arguments(8)
+    function, arguments = Compiled(_affine_function(), patience=10), _arguments(8)
     first = function(*arguments)
     assert not list(own_cache.iterdir())
     function(*arguments)
     assert list(own_cache.glob("*.so"))
     monkeypatch.setattr(c_library, "_compile", _no_compilation)
     monkeypatch.setattr(Compiled, "_interpret", _no_compilation)
-    for each in (function, Compiled(_affine_function(), patience=10.0)):
+    for each in (function, Compiled(_affine_function(), patience=10)):
         assert all(map(np.array_equal, first, each(*arguments)))
 
 
-@pytest.mark.usefixtures("every_item_takes_a_second", "c_compiler")
+@pytest.mark.usefixtures("c_compiler")
 def test_a_batch_whose_first_items_were_interpreted_goes_on_in_c(
     own_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compiled, "MOST_MAPPED", 4)
     A, v, s = _arguments(11)
     expected = Compiled.interpreted(_affine_function())(A, v[0], s)
-    found = Compiled(_affine_function(), patience=5.0)(A, v[0], s)
+    found = Compiled(_affine_function(), patience=5)(A, v[0], s)
     assert list(own_cache.glob("*.so"))
     assert all(map(np.array_equal, found, expected))
 
