@@ -1,6 +1,7 @@
 """C code compiled to shared libraries, and the folder that keeps them between runs."""
 
 import ctypes
+import errno
 import hashlib
 import logging
 import os
@@ -178,9 +179,40 @@ int spinfilters_loop(long long n, const double* const* base, const long long* st
 """
 
 
+COMPILE_MODES: Final = {
+    "on": "on",
+    "1": "on",
+    "yes": "on",
+    "off": "off",
+    "0": "off",
+    "no": "off",
+    "here": "here",
+}
+"""What ``SPINFILTERS_COMPILE`` may be, in small or capital letters, and what each means."""
+
+
+def compile_mode() -> str:
+    """Compile what did not come with the package, "on"; nothing, "off"; or all, "here": by ``$SPINFILTERS_COMPILE``.
+
+    Raises
+    ------
+    InputError
+        The environment variable is none of `COMPILE_MODES`.
+    """
+    stated = os.environ.get("SPINFILTERS_COMPILE") or "on"
+    if stated.lower() not in COMPILE_MODES:
+        raise InputError(
+            f"environment variable SPINFILTERS_COMPILE is {stated[:40]!r}; give on, off or here, or unset it"
+        )
+    return COMPILE_MODES[stated.lower()]
+
+
+compile_mode()  # a slip is told before anything is computed
+
+
 def interprets_all() -> bool:
     """Whether no compiled code is wanted, ``SPINFILTERS_COMPILE=off``."""
-    return os.environ.get("SPINFILTERS_COMPILE", "on").lower() in {"off", "0", "no"}
+    return compile_mode() == "off"
 
 
 COMPILERS: Final = ("cc", "gcc", "clang")
@@ -309,6 +341,9 @@ def with_signatures(library: ctypes.PyDLL | None, signatures: Mapping[str, Signa
 def reason(error: OSError | subprocess.SubprocessError) -> str:
     """Why there is no library, in a few words."""
     if isinstance(error, subprocess.CalledProcessError):
+        full = os.strerror(errno.ENOSPC)
+        if full.encode() in (error.stderr or b""):
+            return f"{full}: the compiler needs some in {cache_folder()} and in {tempfile.gettempdir()}"
         return f"{error.cmd[0]} ends with exit code {error.returncode}"
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename or 'the cache folder'}: {error.strerror}"
@@ -436,7 +471,10 @@ def _compile(command: tuple[str, ...], text: str, stem: Path) -> Path:
     with tempfile.TemporaryDirectory(dir=stem.parent, prefix=UNFINISHED) as scratch:
         source, built = Path(scratch) / "source.c", Path(scratch) / "built.so"
         source.write_text(text)
-        whole, found = [*command, "-o", built, source, "-lm"], {"PATH": os.defpath, **os.environ}
+        whole, found = (
+            [*command, "-o", built, source, "-lm"],
+            {"PATH": os.defpath, **os.environ, "LC_ALL": "C"},
+        )
         subprocess.run(whole, check=True, capture_output=True, timeout=LONGEST_BUILD, env=found)
         built.chmod(OWN_FILE)
         library = stem.with_name(f"{stem.name}-{_digest(built.read_bytes())}.so")

@@ -128,12 +128,21 @@ def test_nothing_is_left_outside_the_cache(monkeypatch: pytest.MonkeyPatch, tmp_
     assert all(path.suffix == ".so" for path in cache.rglob("*"))
 
 
-def test_an_unusable_number_of_lanes_is_cured_in_the_environment() -> None:
+@pytest.mark.parametrize(
+    ("name", "value", "cure"),
+    [
+        ("SPINFILTERS_LANES", "7", "give 4 or 8, or unset it"),
+        ("SPINFILTERS_COMPILE", "banana", "give on, off or here, or unset it"),
+    ],
+)
+def test_an_unusable_setting_of_compiling_is_cured_in_the_environment(
+    name: str, value: str, cure: str
+) -> None:
     command = [sys.executable, "-m", "spinfilters", "doctor"]
-    environment = {**os.environ, "SPINFILTERS_LANES": "7"}
+    environment = {**os.environ, name: value}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 1, done.stderr
-    *_, failed, cure = done.stdout.splitlines()
+    *_, failed, last = done.stdout.splitlines()
     assert failed.split()[0] == "FAILED"
-    assert "SPINFILTERS_LANES is '7'" in failed
-    assert cure.split(maxsplit=1) == ["cure", "give 4 or 8, or unset it"]
+    assert f"{name} is '{value}'" in failed
+    assert last.split(maxsplit=1) == ["cure", cure]

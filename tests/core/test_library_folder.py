@@ -249,3 +249,14 @@ def test_doctor_works_whatever_the_home_is(tmp_path: Path, home: str) -> None:
     assert "mkdir -m 700" in text
     assert text.count("\nok ") == len(CHECKS) - 1
     assert len(done.stderr.splitlines()) == 1, done.stderr
+
+
+def test_a_compiler_without_space_names_the_folders_that_are_full(folder: Path) -> None:
+    text = b"cc1: fatal error: error writing to /x.s: No space left on device"
+    why = c_library.reason(subprocess.CalledProcessError(1, ["cc"], stderr=text))
+    assert why.startswith("No space left on device")
+    assert str(folder) in why
+
+
+def test_any_other_failure_of_a_compiler_has_its_exit_code() -> None:
+    assert c_library.reason(subprocess.CalledProcessError(3, ["cc"])) == "cc ends with exit code 3"
