@@ -32,8 +32,8 @@ class Compiled:
 
     An input of CasADi shape (n, 1) takes arrays of shape (*batch, n), one of shape (n, m) takes
     (*batch, n, m); batch axes broadcast against one another. Outputs have the broadcast batch axes in front
-    and share no memory with later calls. The C code and CasADi's virtual machine round alike, so a machine
-    without a compiler gives the same numbers.
+    and share no memory with later calls. C code and CasADi's virtual machine differ by the last bit of few numbers at
+    most, so a machine without a compiler gives the same results to rounding.
 
     Any number of threads may call one instance: each call takes buffers that no other has.
 
