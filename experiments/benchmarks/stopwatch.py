@@ -7,7 +7,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from time import perf_counter, process_time
+from time import perf_counter, process_time, sleep
 from typing import Final, NamedTuple
 
 from spinfilters.core.c_library import LANES, compiler, compiler_version
@@ -16,6 +16,8 @@ from spinfilters.core.errors import InputError
 CLOCKS: Final[dict[str, Callable[[], float]]] = {"wall": perf_counter, "processor": process_time}
 """Processor time leaves out what else a machine does. Wall time is what a user waits for; it needs quiet cores."""
 _chosen = ["processor"]
+BETWEEN_LOOKS: Final = 0.01
+"""Time between two looks at a command that runs, s."""
 
 
 def begin_benchmark(module: str, clock: str = "processor", threads: str = "one thread") -> None:
@@ -77,11 +79,25 @@ def cost_of_command(command: Sequence[str], **environment: str) -> CommandCost:
         cwd=tempfile.gettempdir(),
         env={**users_environment(), **environment},
     )
-    _, status, used = os.wait4(process.pid, 0)
+    peak, done = 0.0, 0
+    while not done:
+        peak = max(peak, _peak_mb(process.pid))
+        sleep(BETWEEN_LOOKS)
+        done, status, used = os.wait4(process.pid, os.WNOHANG)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise InputError(f"'{' '.join(command)}' ends with exit code {process.returncode}; run it by itself")
-    return CommandCost(perf_counter() - begin, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+    # the system counts what this process held when it started the command among the command's own largest set
+    return CommandCost(perf_counter() - begin, used.ru_utime + used.ru_stime, peak or used.ru_maxrss / 1024)
+
+
+def _peak_mb(pid: int) -> float:
+    """Largest resident set so far of a process that runs, MB; 0 where the system does not say."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return next((float(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), 0.0)
 
 
 def use_one_thread(module: str) -> None:

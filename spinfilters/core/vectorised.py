@@ -467,8 +467,8 @@ class VectorisedScan(_GeneratedLoop):
         return scan_text(*[plain.function for plain in self._plain]), f"{self.name}_fold"
 
 
-LARGEST_LENT: Final = 1 << 21
-"""Numbers of a result, 16 MB, above which it has memory of its own, that is given back when the result is gone."""
+LARGEST_LENT: Final = 1 << 20
+"""Numbers of a result, 8 MB, above which it has memory of its own, that is given back when the result is gone."""
 _FLOAT, _INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 
 
