@@ -79,7 +79,8 @@ def cost_of_command(command: Sequence[str], **environment: str) -> CommandCost:
         cwd=tempfile.gettempdir(),
         env={**users_environment(), **environment},
     )
-    peak, done = 0.0, 0
+    peak = 0.0
+    done, status, used = os.wait4(process.pid, os.WNOHANG)
     while not done:
         peak = max(peak, _peak_mb(process.pid))
         sleep(BETWEEN_LOOKS)
