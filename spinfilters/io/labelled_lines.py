@@ -79,7 +79,7 @@ def has_labelled_lines(path: Path) -> bool:
 
 
 def read_labelled_lines(path: Path, options: ReadingOptions) -> Dataset:
-    """Rates, poses or attitudes of the lines that have some. InputError: no UTF-8; no such lines; without a clock a damaged one."""
+    """Rates, poses or attitudes of the lines that have some. InputError: no UTF-8; no such lines; a damaged one."""
     options.require_only(("unit", "clock", "rate", "topic"), "a log of labelled lines")
     require_file(path, MAX_TABLE_BYTES)
     require_text_table(path)
@@ -93,6 +93,7 @@ def read_labelled_lines(path: Path, options: ReadingOptions) -> Dataset:
             f"{path_text(path)}: no line has body rates about x, y and z; print them as gx:0.1 gy:0.2 gz:0.3"
         )
     chosen = [line for line in lines if line.labels == moving[0]]
+    _require_numbers(path, chosen)
     messages = sorted({line.message for line in chosen})
     if options.topic in messages:
         chosen = [line for line in chosen if line.message == options.topic]
@@ -108,6 +109,34 @@ def read_labelled_lines(path: Path, options: ReadingOptions) -> Dataset:
         _require_whole(path, lines, chosen)
     source = ArrayColumns(path, tuple(columns), tuple(columns.values()))
     return motion_dataset(path, path.name, motion_of(source, options))
+
+
+def _require_numbers(path: Path, chosen: Sequence[_Line]) -> None:
+    """InputError: a line between the chosen ones marks all of their labels, but one of these has no number behind it."""
+    names = {re.split(r"[. ]", label)[-1] for label in chosen[0].labels if not is_clock(label)}
+    marks = {name: re.compile(rf"""(?<![\w.]){re.escape(name)}["']?\s*[:=]\s*["']?""") for name in names}
+    read = {line.line for line in chosen}
+    with open(path, encoding="utf-8-sig") as stream:
+        for number, text in enumerate(stream, start=1):
+            if not chosen[0].line < number < chosen[-1].line or number in read:
+                continue
+            found = {name: list(mark.finditer(text)) for name, mark in marks.items()}
+            if not all(found.values()):
+                continue
+            for name, places in found.items():
+                for place in places:
+                    value = re.split(r"[\s;}\]]", text[place.end() :], maxsplit=1)[0]
+                    number_there = _NUMBER.match(text, place.end())
+                    if number_there is None or re.match(r",\d", text[number_there.end() :]):
+                        shown = (
+                            "nothing"
+                            if any(mark.match(value) for mark in marks.values())
+                            else value_text(value)
+                        )
+                        raise InputError(
+                            f"{path_text(path)}: line {number}: {value_text(name)} is {shown}, no number; correct or "
+                            "delete the line"
+                        )
 
 
 def _times_above(lines: Sequence[_Line], chosen: Sequence[_Line]) -> dict[str, np.ndarray]:
