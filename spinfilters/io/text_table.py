@@ -104,9 +104,8 @@ class Table:
         if outside.size:
             row, column = map(int, outside[0])
             name = value_text(self.names[columns][column])
-            raise self.error(
-                row, f"{name} is {float(chosen[row, column])!r}; correct or delete the line, give {allowed}"
-            )
+            value = float(chosen[row, column])
+            raise self.error(row, f"{name} is {value!r}, not {allowed}; correct or delete the {self.counted}")
 
     def landmark_ids(self, column: int) -> Int[np.ndarray, " n"]:
         """Landmark ids of a column. InputError: one that is no whole number."""
