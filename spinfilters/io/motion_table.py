@@ -360,11 +360,10 @@ def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: t
     place, unit = columns.fraction
     table = source.read([*clock, place, *chosen], keys=2)
     seconds, rest = table.values[:, 0], unit * table.values[:, 1]
-    if (
-        (seconds == np.floor(seconds)).all()
-        and ((rest >= 0) & (rest < 1)).all()
-        and (np.diff(seconds) <= 1).all()
-    ):
+    is_part = (seconds == np.floor(seconds)).all() and ((rest >= 0) & (rest < 1)).all()
+    steps = np.diff(seconds)
+    # where one second stands in several rows the rest tells them apart, however long a dropout between others is
+    if is_part and ((steps <= 1).all() or (steps == 0).any()):
         seconds = seconds + rest
     return replace(
         table,

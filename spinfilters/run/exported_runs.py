@@ -124,7 +124,7 @@ def _covariance(
 ) -> Float[np.ndarray, " 36"]:
     """Rows of the covariance of a pose or a twist; `UNKNOWN_VARIANCE` of a half that is not finite."""
     halves = [P if np.isfinite(P).all() else UNKNOWN_VARIANCE * np.eye(3) for P in (linear, angular)]
-    return block_diag(*halves).reshape(-1)
+    return np.asarray(block_diag(*halves)).reshape(-1)
 
 
 TIME_LINE: Final = "time"
