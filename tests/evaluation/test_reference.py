@@ -24,7 +24,7 @@ from spinfilters.evaluation.reference_fit import fit_reference, reference_rates
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.reference_motion import ReferenceMotion, read_reference, reference_of_truth
 from spinfilters.io.truth import Truth
-from spinfilters.run.comparison_run import without_late_truth
+from spinfilters.run.comparison_run import without_unmatched_truth
 from spinfilters.run.reference_output import ReferenceComparisons, chosen_reference, write_reference
 from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.scenario import Scenario, simulate
@@ -194,10 +194,10 @@ def test_rates_alone_give_clock_and_axes() -> None:
 def test_a_late_truth_becomes_a_reference() -> None:
     dataset = simulate(Scenario.simplified(kind="gyro", epochs=12))
     assert dataset.truth is not None
-    same, nothing = without_late_truth(dataset)
+    same, nothing = without_unmatched_truth(dataset)
     assert same is dataset
     assert nothing is None
-    late, reference = without_late_truth(
+    late, reference = without_unmatched_truth(
         replace(dataset, truth=replace(dataset.truth, time=dataset.truth.time + 0.1))
     )
     assert late.truth is None
