@@ -85,8 +85,7 @@ core-types:
 	exit $$status
 
 check:
-	$(environment) test
-	$(environment) check
+	$(environment) test,check
 	@status=0; \
 	$(bin)/ruff check || status=1; \
 	$(bin)/ruff format --check || status=1; \

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Makes .venv and installs the package in it: .ci/environment.sh [extras]; called by the Makefile at every target.
+# Makes .venv and installs the package in it: .ci/environment.sh [extra,extra]; called by the Makefile at every target.
 # Returns at once when the same extras of the same pyproject.toml are installed in this folder already.
 # CI sets SPINFILTERS_CONSTRAINTS to a file of versions for pip; without it everybody gets the newest that pyproject.toml admits.
 set -eu
@@ -7,7 +7,6 @@ cd "$(dirname "$0")/.."
 
 extras=${1:-}
 constraints=${SPINFILTERS_CONSTRAINTS:-}
-stamp=.venv/.installed${extras:+-$extras}
 unfinished=.venv/.unfinished # there while something is being installed: an interrupted .venv is never trusted
 export PIP_USER=0 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_INPUT=1
 
@@ -21,7 +20,7 @@ main() {
   if [ "$constraints" = .ci/constraints.txt ]; then install_without_missing; else
     install ${constraints:+--constraint "$constraints"} || fail_to_install
   fi
-  printf '%s\n' "$wanted" >"$stamp"
+  for stamp in $(stamps); do printf '%s\n' "$wanted" >"$stamp"; done
   rm "$unfinished"
 }
 
@@ -52,8 +51,18 @@ fail_to_install() {
   fail "the installation failed as shown above; check the network and the disk, then repeat the command"
 }
 
+# A file for each extra, which says for what it was installed.
+stamps() {
+  for extra in $(printf '%s' "${extras:-nothing}" | tr , ' '); do
+    if [ "$extra" = nothing ]; then echo .venv/.installed; else echo ".venv/.installed-$extra"; fi
+  done
+}
+
 installed() {
-  [ -f "$stamp" ] && [ ! -e "$unfinished" ] && [ "$(cat "$stamp")" = "$wanted" ] && version .venv/bin/python >/dev/null
+  for stamp in $(stamps); do
+    if [ ! -f "$stamp" ] || [ "$(cat "$stamp")" != "$wanted" ]; then return 1; fi
+  done
+  [ ! -e "$unfinished" ] && version .venv/bin/python >/dev/null
 }
 
 usable() { version "$1" >/dev/null && "$1" -m pip --version >/dev/null 2>&1; }

@@ -32,7 +32,7 @@ exit "$CONSTRAINED"
 APT = """#!/bin/sh
 case "$1" in install) cp "${0%/*}/new-python" "${0%/*}/python3" ;; esac
 """
-TOOLS = ("sh", "cat", "cksum", "cmp", "cp", "dirname", "grep", "mkdir", "mv", "rm", "sed")
+TOOLS = ("sh", "cat", "cksum", "cmp", "cp", "dirname", "grep", "mkdir", "mv", "rm", "sed", "tr")
 
 
 @pytest.fixture
@@ -56,13 +56,17 @@ def project(tmp_path: Path) -> Path:
 
 
 def made(
-    project: Path, constraints: str | None = None, constrained: int = 0, missing: str = ""
+    project: Path,
+    constraints: str | None = None,
+    constrained: int = 0,
+    missing: str = "",
+    extras: str = "test",
 ) -> tuple[int, list[str]]:
     """Exit code of the script, and what pip was called with."""
     stated = {} if constraints is None else {"SPINFILTERS_CONSTRAINTS": constraints}
     environment = {"PATH": str(project / "bin"), "CONSTRAINED": str(constrained), "MISSING": missing}
     environment |= stated
-    script = [str(project / "bin/sh"), ".ci/environment.sh", "test"]
+    script = [str(project / "bin/sh"), ".ci/environment.sh", extras]
     code = subprocess.run(script, cwd=project, env=environment, capture_output=True, check=False).returncode
     log = project / "pip.log"
     return code, log.read_text().splitlines() if log.exists() else []
@@ -82,6 +86,15 @@ def test_pinned_versions_are_installed_once(project: Path) -> None:
     assert len(calls) == 1
     assert "--constraint" in calls[0]
     assert (project / "taken.log").read_text() == (project / ".ci/constraints.txt").read_text()
+
+
+def test_extras_installed_together_are_not_installed_again_alone(project: Path) -> None:
+    assert made(project, extras="test,check")[0] == 0
+    for extras in ("test", "check", "test,check"):
+        code, calls = made(project, extras=extras)
+        assert code == 0
+        assert len(calls) == 1
+    assert len(made(project, extras="test,docs")[1]) == 2
 
 
 def test_a_pin_that_is_not_there_is_dropped_and_no_other(project: Path) -> None:

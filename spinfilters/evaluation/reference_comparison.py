@@ -442,7 +442,7 @@ def _span(reference: ReferenceMotion, noise: float, std: float, typical_rate: fl
 def _places(
     motion: ContinuousMotion, reference: ReferenceMotion, fit: ReferenceFit
 ) -> tuple[Course | None, Course | None]:
-    """Position and velocity of the reference's origin in i."""
+    """Position and velocity of the reference's origin in i; no velocity where no two of its rows are close enough."""
     if reference.position is None or fit.origin is None:
         return None, None
     time = reference.time - fit.clock_offset
@@ -465,6 +465,8 @@ def _places(
         velocity = ((reference.position[stride:] - reference.position[:-stride]) / dt[:, None])[held]
         time = (reference.time[stride:] + reference.time[:-stride])[held] / 2 - fit.clock_offset
         inside = _is_within_motion(motion, time)
+    if not inside.any():
+        return position, None
     course = Course(time[inside], _origin(motion, fit, time[inside])[1], velocity[inside] @ fit.frame)
     return position, course
 

@@ -147,11 +147,6 @@ class InitialEstimate:
         """Belief of the state at the last epoch."""
         return Gaussian(self.layout, self.mean[-1], self.factor[-1])
 
-    def hits(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
-        """Number of inlier observations of each landmark; 0 for one that is no unknown."""
-        where = np.clip(np.searchsorted(self.ids, ids), 0, max(len(self.ids) - 1, 0))
-        return np.where(self.ids[where] == ids, self.counts[where], 0)
-
     def joint_belief(self, options: LandmarkOptions) -> Gaussian | LandmarkBelief:
         """Joint belief of the last state and all landmarks; not finite where unavailable."""
         if not self.has_landmarks:

@@ -9,9 +9,10 @@ A number is called by the label in front of it, behind those of the brackets aro
 components of a vector. Lines with the same labels are the rows of one table.
 """
 
+import itertools
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -112,31 +113,48 @@ def read_labelled_lines(path: Path, options: ReadingOptions) -> Dataset:
 
 
 def _require_numbers(path: Path, chosen: Sequence[_Line]) -> None:
-    """InputError: a line between the chosen ones marks all of their labels, but one of these has no number behind it."""
-    names = {re.split(r"[. ]", label)[-1] for label in chosen[0].labels if not is_clock(label)}
+    """InputError: a line that is not chosen marks all labels of the chosen ones, but one of these has no number behind it.
+
+    A legend above the first of them, with words behind all labels, is none of these; nor is a last line that is cut off there.
+    """
+    names = {re.split(r"[. ]", label)[-1]: is_clock(label) for label in chosen[0].labels}
     marks = {name: re.compile(rf"""(?<![\w.]){re.escape(name)}["']?\s*[:=]\s*["']?""") for name in names}
+    with open(path, encoding="utf-8-sig") as stream:
+        first = next(itertools.islice(stream, chosen[0].line - 1, None))
+    for name, is_time in names.items():
+        if is_time and not marks[name].search(first):  # a date
+            del marks[name]
     read = {line.line for line in chosen}
     with open(path, encoding="utf-8-sig") as stream:
         for number, text in enumerate(stream, start=1):
-            if not chosen[0].line < number < chosen[-1].line or number in read:
+            if number in read or not all(mark.search(text) for mark in marks.values()):
                 continue
-            found = {name: list(mark.finditer(text)) for name, mark in marks.items()}
-            if not all(found.values()):
+            wrong = _without_number(text, marks)
+            is_legend = number < chosen[0].line and all(value[:1].isalpha() for _, value in wrong)
+            if not wrong or (is_legend and len(wrong) >= len(marks) and not _NOT_FINITE.search(text)):
                 continue
-            for name, places in found.items():
-                for place in places:
-                    value = re.split(r"[\s;}\]]", text[place.end() :], maxsplit=1)[0]
-                    number_there = _NUMBER.match(text, place.end())
-                    if number_there is None or re.match(r",\d", text[number_there.end() :]):
-                        shown = (
-                            "nothing"
-                            if any(mark.match(value) for mark in marks.values())
-                            else value_text(value)
-                        )
-                        raise InputError(
-                            f"{path_text(path)}: line {number}: {value_text(name)} is {shown}, no number; correct or "
-                            "delete the line"
-                        )
+            name, value = wrong[0]
+            if not text.endswith("\n") and text.endswith(value):  # the last line, cut off
+                continue
+            raise InputError(
+                f"{path_text(path)}: line {number}: {value_text(name)} is {value_text(value) if value else 'nothing'}, no number; "
+                "correct or delete the line"
+            )
+
+
+_NOT_FINITE: Final = re.compile(r"\b(?:nan|inf)", re.IGNORECASE)
+
+
+def _without_number(text: str, marks: Mapping[str, re.Pattern[str]]) -> list[tuple[str, str]]:
+    """Labels of a line without a number behind them, and what stands there, in the order of the line."""
+    places = sorted((found.end(), name) for name, mark in marks.items() for found in mark.finditer(text))
+    wrong = []
+    for place, name in places:
+        value = re.split(r"[\s;}\]]", text[place:], maxsplit=1)[0]
+        number = _NUMBER.match(text, place)
+        if number is None or re.match(r",\d", text[number.end() :]):
+            wrong.append((name, "" if any(mark.match(value) for mark in marks.values()) else value))
+    return wrong
 
 
 def _times_above(lines: Sequence[_Line], chosen: Sequence[_Line]) -> dict[str, np.ndarray]:

@@ -21,7 +21,7 @@ _SPELLED: Final = (
     (re.compile(r"^\w+\.(?:UTC|TAI|TT|A1|TDB)Gregorian$"), "time"),  # GMAT
     (re.compile(r"^\w+\.(?:UTC|TAI|TT|A1|TDB)ModJulian$"), "time (days)"),
     (re.compile(r"^(?:Time[ _(]*)?(?:M?JD|J(?:ulian)?[ _]?Date)\)?$", re.IGNORECASE), "time (days)"),
-    (re.compile(r"^sigma_BN(?:_?\[?([012xyz])\]?)$"), r"mrp_\1"),  # Basilisk
+    (re.compile(r"^sigma_BN_?[\[(]?([0-3xyz])[\])]?$"), r"mrp_\1"),  # Basilisk
     (re.compile(r"^(?:.*\.)?ArrayGyro\.([xyz])$"), r"gyro_\1 (deg/s)"),  # Movesense
     (re.compile(r"^(?:.*\.)?ArrayAcc\.([xyz])$"), r"acc_\1 (m/s^2)"),
     (re.compile(r"^cts$"), "time (ms)"),  # GoPro
@@ -84,7 +84,8 @@ tables; w_1 may be a wheel."""
 _RATES_FROM_ONE: Final = re.compile(r"(omega|ang(?:ular)?_?vel(?:ocity)?)([1-3])(\s*[(\[].*)?", re.IGNORECASE)
 _EULER_PARAMETERS: Final = ("e0", "e1", "e2", "e3")
 """Of which the first is the scalar."""
-_MRP_PLACES: Final = {"mrp_0": "mrp_x", "mrp_1": "mrp_y", "mrp_2": "mrp_z"}
+_MRP_COUNTED: Final = (("mrp_0", "mrp_1", "mrp_2"), ("mrp_1", "mrp_2", "mrp_3"))
+"""Components x, y, z of modified Rodrigues parameters that are counted from 0, and from 1."""
 GOPRO_ORDER: Final = "zxy"
 """Order of the components of GoPro cameras, ORIO of their format, where they state no other."""
 _GOPRO: Final = re.compile(r"(.*?)\s*(?:\(([xyz]),([xyz]),([xyz])\))?\s*(\[[^\[\]]*\])", re.IGNORECASE)
@@ -128,7 +129,7 @@ def understood_names(names: Sequence[str]) -> list[str]:
         left_out = _ENVELOPE if own else _ENVELOPE[:1]
         names = ["" if name in left_out else re.sub(r"^(?:data|message|msg)\.", "", name) for name in names]
     names = [_plainly_spelled(name) for name in _of_gopro(names)]
-    found = [_MRP_PLACES.get(each, each) for each in map(_without_frames, names)]
+    found = _with_mrp([_without_frames(name) for name in names])
     bare = {_plain(name): k for k, name in enumerate(found)}
     if set(_VICON) <= set(bare):
         for name, meaning in _VICON.items():
@@ -238,6 +239,16 @@ def _counted_from_one(names: Sequence[str]) -> list[str]:
             for (k, parts), axis in zip(own, "xyz", strict=True):
                 found[k] = f"{stem}_{axis}{parts[4]}"
     return found
+
+
+def _with_mrp(names: list[str]) -> list[str]:
+    """Names of which the counted components of modified Rodrigues parameters, if there are just three, are called x, y and z."""
+    numbered = {name for name in names if re.fullmatch(r"mrp_[0-3]", name)}
+    for trio in _MRP_COUNTED:
+        if numbered == set(trio):
+            axes = {name: f"mrp_{axis}" for name, axis in zip(trio, "xyz", strict=True)}
+            return [axes.get(name, name) for name in names]
+    return names
 
 
 def _with_matrix(names: list[str]) -> list[str]:

@@ -52,7 +52,7 @@ from spinfilters.io.unnamed_columns import (
 MOTION_TABLE_FASTEST: Final[float] = 75.0
 FASTEST_OF_ALL: Final[float] = 400.0
 """Largest |rate| that gyros of phones and inertial units measure, about 4000 deg/s, and that any gyro does, rad/s."""
-MRP: Final = NumberRange(-1e6, 1e6, "1")
+MRP: Final = NumberRange(-1e6, 1e6)
 """Of a component of modified Rodrigues parameters, tan(angle / 4) n: a whole turn has none."""
 LARGEST_FORCE: Final[float] = 1e6
 """Of an accelerometer, in any unit: one that says more is not believed."""
@@ -308,6 +308,8 @@ def _with_quaternions(table: Table, rotation: Quantity) -> Table:
 
 ROTATION_ERROR: Final = 1e-3
 """Of an element of R R', which the digits of a text cause at most."""
+ENOUGH_DECIMALS: Final = 4
+"""Decimals of a rotation matrix whose rounding, 2 sqrt(3) halves of the last digit in R R', stays below `ROTATION_ERROR`."""
 
 
 def rotations_of(table: Table, R: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
@@ -318,8 +320,35 @@ def rotations_of(table: Table, R: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarra
     away = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     wrong = np.flatnonzero(~(away <= ROTATION_ERROR) | (np.linalg.det(R) < 0))
     if wrong.size:
-        raise table.error(int(wrong[0]), "its matrix is no rotation; correct or delete the line")
+        row = int(wrong[0])
+        raise table.error(row, _what_is_wrong(R, row, float(away[row]), table.counted))
     return nearest_rotation(R)
+
+
+def _what_is_wrong(R: Float[np.ndarray, "n 3 3"], row: int, away: float, counted: str) -> str:
+    """Why a matrix of a table is no rotation, and the cure; `away` is how far R R' is from 1."""
+    delete = f"or delete the {counted}"
+    decimals = _decimals(R)
+    half = 0.5 * 10.0**-decimals  # of a unit of the last digit, by which rounding moves each element at most
+    is_rounded = decimals < ENOUGH_DECIMALS and away <= 2 * math.sqrt(3) * half + 3 * half**2
+    if np.linalg.det(R[row]) < 0 and (is_rounded or away <= ROTATION_ERROR):
+        return (
+            "its matrix is a reflection (determinant -1), whose axes are left-handed; correct the signs or the order of "
+            f"its elements, {delete}"
+        )
+    amount = f"its matrix is no rotation, as R R' differs from 1 by {away:.2g}"
+    if is_rounded:
+        places = "1 decimal" if decimals == 1 else f"{decimals} decimals"
+        return f"{amount}, which rounding to {places} explains; write at least {ENOUGH_DECIMALS} decimals, {delete}"
+    return f"{amount}; correct {delete}"
+
+
+def _decimals(R: Float[np.ndarray, "n 3 3"]) -> int:
+    """Decimals with which the elements of matrices are printed, from 1 to `ENOUGH_DECIMALS`."""
+    for decimals in range(1, ENOUGH_DECIMALS):
+        if np.allclose(R, R.round(decimals), rtol=0.0, atol=1e-9):
+            return decimals
+    return ENOUGH_DECIMALS
 
 
 def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
@@ -331,11 +360,10 @@ def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: t
     place, unit = columns.fraction
     table = source.read([*clock, place, *chosen], keys=2)
     seconds, rest = table.values[:, 0], unit * table.values[:, 1]
-    if (
-        (seconds == np.floor(seconds)).all()
-        and ((rest >= 0) & (rest < 1)).all()
-        and (np.diff(seconds) <= 1).all()
-    ):
+    is_part = (seconds == np.floor(seconds)).all() and ((rest >= 0) & (rest < 1)).all()
+    steps = np.diff(seconds)
+    # where one second stands in several rows the rest tells them apart, however long a dropout between others is
+    if is_part and ((steps <= 1).all() or (steps == 0).any()):
         seconds = seconds + rest
     return replace(
         table,

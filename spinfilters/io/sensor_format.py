@@ -7,8 +7,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-import numpy as np
-
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import members_above
 from spinfilters.io.stated_values import NumberRange
@@ -232,7 +230,7 @@ class SensorNoise:
     Raises
     ------
     InputError
-        An unknown option, a value that is not positive (or zero where the option allows it) and finite.
+        An unknown option, a value outside its range.
     """
 
     values: Mapping[str, float]
@@ -243,11 +241,13 @@ class SensorNoise:
         for name, value in given.items():
             if name not in options:
                 raise InputError(f"sensor noise {name} is unknown; use {', '.join(options)}")
-            smallest = 0.0 if options[name].allowed.zero else np.finfo(float).tiny
-            if not (np.isfinite(value) and value >= smallest):
-                raise InputError(f"{name} is {value}; give a positive, finite standard deviation")
+            options[name].allowed.require(name, value)
         defaults = {name: option.default for name, option in options.items()}
         object.__setattr__(self, "values", {**defaults, **given})
+
+    def __hash__(self) -> int:
+        """Of the values; equal ones have equal hashes."""
+        return hash(frozenset(self.values.items()))
 
     def __getattr__(self, name: str) -> float:
         if name == "values" or name.startswith("__") or name not in self.values:

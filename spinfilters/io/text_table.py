@@ -104,9 +104,8 @@ class Table:
         if outside.size:
             row, column = map(int, outside[0])
             name = value_text(self.names[columns][column])
-            raise self.error(
-                row, f"{name} is {float(chosen[row, column])!r}; correct or delete the line, give {allowed}"
-            )
+            value = float(chosen[row, column])
+            raise self.error(row, f"{name} is {value!r}, not {allowed}; correct or delete the {self.counted}")
 
     def landmark_ids(self, column: int) -> Int[np.ndarray, " n"]:
         """Landmark ids of a column. InputError: one that is no whole number."""
@@ -203,9 +202,8 @@ def _last_lines(path: Path, layout: TableLayout) -> list[str]:
 def _is_cut(path: Path, layout: TableLayout) -> bool:
     """Whether the last number of a table, without a line break behind it, has fewer digits than that above it."""
     lines = [text for line in _last_lines(path, layout) if (text := layout.content(line))]
-    if len(lines) < 2:
-        return False
-    above, last = (layout.cells(line)[-1] for line in lines[-2:])
+    *before, last = [layout.cells(line)[-1] for line in lines] or [""]
+    above = next(filter(None, reversed(before)), "")  # an incomplete row says nothing of digits
     return len(above) - len(last) > 1 and any(mark in above for mark in ".,")
 
 
@@ -245,7 +243,7 @@ def _read_each_line(path: Path, layout: TableLayout, columns: Sequence[int] | No
     """
     indices = range(len(layout.names)) if columns is None else columns
     names = tuple(layout.names[k] for k in indices)
-    lines, numbers, incomplete, is_dated = array("q"), array("d"), 0, False
+    lines, numbers, incomplete, is_dated, number = array("q"), array("d"), 0, False, 0
     odd: list[tuple[str, InputError]] = []
     for number, text in data_lines(path, layout):
         where = f"{path_text(path)}: line {number}: "
@@ -279,6 +277,9 @@ def _read_each_line(path: Path, layout: TableLayout, columns: Sequence[int] | No
         raise odd[0][1]
     if not lines:
         raise InputError(f"{path_text(path)}: has no rows of numbers; export or copy it again")
+    if layout.comments and len(lines) > 1 and lines[-1] == number and _is_cut(path, layout):
+        lines.pop()
+        del numbers[-len(names) :]
     values = np.frombuffer(numbers, dtype=np.float64).reshape(len(lines), len(names)).copy()
     return Table(path, layout, names, values, lines, incomplete, is_dated=is_dated)
 

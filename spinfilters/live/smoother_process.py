@@ -9,6 +9,8 @@ import signal
 import socket
 import struct
 import time
+import zipfile
+import zlib
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -118,6 +120,17 @@ class Channel:
             return dict(arrays)
 
 
+BROKEN_MESSAGE = (
+    InputError,
+    ShapeError,
+    KeyError,
+    ValueError,
+    OSError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What reading a damaged message raises."""
 Build = Callable[[], RecursiveSmoother]
 """Makes the smoother, begun."""
 AT_ONCE = 8
@@ -332,7 +345,7 @@ class SmootherSupervisor:
         try:
             received = self._channel.received()
             found = [hand_over_of(message, self._layout) for message in received if message]
-        except (InputError, ShapeError, KeyError, ValueError, OSError) as error:
+        except BROKEN_MESSAGE as error:
             self.end("smoother broken", f"it sent what is no hand-over ({str(error)[:100]})")
             return []
         if received:

@@ -189,11 +189,9 @@ def extremes(*curves: np.ndarray) -> Int[np.ndarray, " k"] | slice:
     starts = np.linspace(0, count, MOST_DRAWN // (2 * len(curves)), endpoint=False).astype(int)
     rows = [starts[:1], np.array([count - 1])]
     for curve in curves:
-        parts = np.split(curve, starts[1:])
-        rows += [
-            starts + [int(part.argmin()) for part in parts],
-            starts + [int(part.argmax()) for part in parts],
-        ]
+        for beyond, extreme in ((np.inf, np.argmin), (-np.inf, np.argmax)):
+            parts = np.split(np.where(np.isnan(curve), beyond, curve), starts[1:])  # a gap hides no peak
+            rows.append(starts + [int(extreme(part)) for part in parts])
     return np.unique(np.concatenate(rows))
 
 

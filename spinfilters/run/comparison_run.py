@@ -80,7 +80,7 @@ class WrittenRun:
     optional_outputs: "OptionalOutputs | None" = None
 
 
-def without_late_truth(dataset: Dataset) -> "tuple[Dataset, ReferenceMotion | None]":
+def without_unmatched_truth(dataset: Dataset) -> "tuple[Dataset, ReferenceMotion | None]":
     """The data set, and its truth as a reference where none of its stamps is that of a measurement.
 
     Errors need equal stamps; a truth of another rate or clock has none, and then says as much as any other reference.
@@ -109,7 +109,7 @@ def silent(_name: str, _done: int, _total: int) -> None:
 
 def compare_dataset(dataset: Dataset, settings: Settings, report: Progress = silent) -> Comparison:
     """Every estimator on a data set, in memory. Errors: `prepare`, `compare_estimators`."""
-    dataset, _ = without_late_truth(dataset)
+    dataset, _ = without_unmatched_truth(dataset)
     return compare_estimators(_initialised(dataset, settings, report), settings, report, no_checkpoints)
 
 
@@ -125,7 +125,7 @@ def compare_into(
         asked for in addition cannot be made.
     """
     folder = output.folder
-    dataset, late = without_late_truth(dataset)
+    dataset, late = without_unmatched_truth(dataset)
     if late is not None:
         output = replace(output, optional_outputs=with_reference(output.optional_outputs, late))
     refuse_source_within(folder, dataset.path)

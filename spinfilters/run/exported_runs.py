@@ -10,8 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
-from spinfilters.core.attitude_conversions import quaternion_from_matrix
+from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.core.inertia_charts import box_of_equal_inertia
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.io.output_files import write_bytes
@@ -19,14 +20,19 @@ from spinfilters.io.truth import Truth
 from spinfilters.run.run_report import box_edge
 from spinfilters.vision.image_folder import LossCount, stamped_pairs
 
+UNKNOWN_VARIANCE: Final = 1e9
+"""In m^2, rad^2, (m/s)^2 and (rad/s)^2, of what is not estimated: a variance of zero would claim certainty."""
 ODOMETRY, VECTOR = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Vector3Stamped"
 
 
 def write_mcap(path: Path, evaluations: Sequence[Evaluation]) -> None:
     """Write the motions of all estimators, atomically.
 
-    ``/NAME/motion`` are nav_msgs/Odometry: position of the centre of mass (m) and attitude of frame g in frame i with
-    covariances, velocity (m/s) and rate (rad/s) in axes of frame i. ``/NAME/rate`` repeats the rate as a vector.
+    ``/NAME/motion`` are nav_msgs/Odometry. Their pose is the position of the centre of mass (m) and the attitude of frame g, in
+    frame i, with covariances along and about the axes of i. Their twist is the velocity of the centre of mass (m/s) and the rate
+    (rad/s) in axes of g, the child frame. ``/NAME/rate`` are the same rates as vectors, as a gyro fixed to g measures them.
+    Covariances between position, attitude, velocity and rate are left out, as are epochs that are not finite. What the layout
+    does not have, position and velocity of a gyro log, is zero with a variance of `UNKNOWN_VARIANCE`.
 
     Parameters
     ----------
@@ -68,37 +74,57 @@ def _topic(name: str) -> str:
 
 
 def _messages(evaluation: Evaluation, types: Any) -> Iterator[tuple[int, str, Any]]:
-    """Stamp (ns), type and message of every epoch."""
-    motion = evaluation.trajectory
+    """Stamp (ns), type and message of every finite epoch."""
+    motion, history = evaluation.trajectory, evaluation.history
     vector, point, turn = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Point", "Quaternion"))
     pose, twist = types["geometry_msgs/msg/Pose"], types["geometry_msgs/msg/Twist"]
     with_pose, with_twist = (types[f"geometry_msgs/msg/{name}WithCovariance"] for name in ("Pose", "Twist"))
-    for k, time in enumerate(motion.time):
-        stamp = round(float(time) * 1e9)
+    body_rate = history.mean[:, history.layout.mean_slice("w")]
+    turning = [history.factor[:, history.layout.slice(block)] for block in "aw"]  # about the axes of g
+    for k in np.flatnonzero(motion.is_finite).tolist():
+        stamp = round(float(motion.time[k]) * 1e9)
         instant = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-        header = types["std_msgs/msg/Header"](stamp=instant, frame_id="i")
-        place = [float(x) if motion.sees_position else 0.0 for x in motion.position[k]]
-        speed = [float(x) if motion.sees_position else 0.0 for x in motion.velocity[k]]
-        rate = [float(x) for x in motion.rate_i[k]]
-        pose_covariance = np.diag([*motion.std_position[k] ** 2, *motion.std_attitude[k] ** 2]).reshape(-1)
-        twist_covariance = np.diag([*motion.std_velocity[k] ** 2, *motion.std_rate[k] ** 2]).reshape(-1)
+        R_ig = matrix_from_quaternion(motion.q_ig[k])
+        attitude, rates = (factor[k] @ factor[k].T for factor in turning)
+        speed = R_ig.T @ motion.velocity[k]
+        places = [np.diag(std[k] ** 2) for std in (motion.std_position, motion.std_velocity)]
+        if not motion.sees_position:
+            places = 2 * [UNKNOWN_VARIANCE * np.eye(3)]
         yield (
             stamp,
             ODOMETRY,
             types[ODOMETRY](
-                header=header,
+                header=types["std_msgs/msg/Header"](stamp=instant, frame_id="i"),
                 child_frame_id="g",
                 pose=with_pose(
-                    pose=pose(position=point(*place), orientation=turn(*map(float, motion.q_ig[k]))),
-                    covariance=np.nan_to_num(pose_covariance),
+                    pose=pose(
+                        position=point(*map(float, motion.position[k])),
+                        orientation=turn(*map(float, motion.q_ig[k])),
+                    ),
+                    covariance=_covariance(places[0], R_ig @ attitude @ R_ig.T),
                 ),
                 twist=with_twist(
-                    twist=twist(linear=vector(*speed), angular=vector(*rate)),
-                    covariance=np.nan_to_num(twist_covariance),
+                    twist=twist(linear=vector(*map(float, speed)), angular=vector(*map(float, body_rate[k]))),
+                    covariance=_covariance(R_ig.T @ places[1] @ R_ig, rates),
                 ),
             ),
         )
-        yield stamp, VECTOR, types[VECTOR](header=header, vector=vector(*rate))
+        yield (
+            stamp,
+            VECTOR,
+            types[VECTOR](
+                header=types["std_msgs/msg/Header"](stamp=instant, frame_id="g"),
+                vector=vector(*map(float, body_rate[k])),
+            ),
+        )
+
+
+def _covariance(
+    linear: Float[np.ndarray, "3 3"], angular: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, " 36"]:
+    """Rows of the covariance of a pose or a twist; `UNKNOWN_VARIANCE` of a half that is not finite."""
+    halves = [P if np.isfinite(P).all() else UNKNOWN_VARIANCE * np.eye(3) for P in (linear, angular)]
+    return np.asarray(block_diag(*halves)).reshape(-1)
 
 
 TIME_LINE: Final = "time"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from zipfile import ZIP_DEFLATED
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.linear_algebra import at_times
@@ -239,11 +240,17 @@ def _write_table(path: Path, found: ReferenceComparison) -> None:
     for each in (found.position, found.velocity):
         values = [nothing.copy(), nothing.copy()]
         if each is not None:
-            values = [at_times(time, each.time, block) for block in (each.estimate, each.reference)]
+            values = [_within(time, each.time, block) for block in (each.estimate, each.reference)]
         columns += [column for block in values for column in block.T]
     for attitude in (found.attitude_before, found.attitude_after):
-        angle = np.full(len(time), np.nan)
-        if attitude is not None:
-            angle = np.interp(time, attitude.time, attitude.angle)
-        columns.append(angle)
+        angle = nothing[:, :1] if attitude is None else _within(time, attitude.time, attitude.angle[:, None])
+        columns.append(angle[:, 0])
     write_csv(path, COLUMNS, columns)
+
+
+def _within(
+    time: Float[np.ndarray, " k"], own: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]
+) -> Float[np.ndarray, "k c"]:
+    """Columns at other times, linearly between rows at ascending times; NaN before the first and behind the last of them."""
+    is_within = (time >= own[0]) & (time <= own[-1])
+    return np.where(is_within[:, None], at_times(time, own, values), np.nan)

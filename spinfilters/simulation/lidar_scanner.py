@@ -196,12 +196,8 @@ _FLAGS = (
     "-fno-trapping-math",
     "-fno-signed-zeros",
 )
-_FAR, _NODE, _PACKED, _TALL = (
-    1e300,
-    8,
-    12,
-    4,
-)  # as in tracer.c: distance of a miss, words of a node, numbers of a triangle, rows of a tile
+# as in tracer.c: distance of a miss, words of a node and of a wide one, numbers of a triangle, rows of a tile
+_FAR, _NODE, _BRANCH, _PACKED, _TALL = 1e300, 8, 113, 12, 4
 _RAYS = 4096  # rays of a task, at least
 _I, _D, _P = ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
 
@@ -223,6 +219,7 @@ def _library() -> ctypes.CDLL | None:
     )  # the same library, called without the interpreter's lock: rays go to all cores
     library.build_tree.argtypes = [_I, _P, _D, *[_P] * 4]
     library.trace.argtypes = [_I, _I, *[_P] * 5, _D, _D, _P, _P]
+    library.gather_branches.argtypes, library.gather_branches.restype = [_P, _P], _I
     library.row_length.argtypes, library.row_length.restype = [_I, _P], _I
     library.build_tree.restype = library.trace.restype = None
     return library
@@ -234,11 +231,13 @@ class NativeTracer:
     def __init__(self, mesh: TriangleMesh, library: ctypes.CDLL) -> None:
         count, corners = len(mesh.triangles), np.ascontiguousarray(mesh.corners)
         self._library, self._both_sides = library, 0.0 if mesh.is_watertight else 1.0
-        self._nodes = np.empty((2 * count, _NODE))
+        nodes = np.empty((2 * count, _NODE))
         self._order, self._packed = np.empty(count, np.int64), np.empty((count, _PACKED))
         scratch = np.empty((count, 6))
-        made = (self._nodes, self._order, self._packed, scratch)
+        made = (nodes, self._order, self._packed, scratch)
         library.build_tree(count, address(corners), SMALLEST_SINE, *map(address, made))
+        self._branches = np.empty((library.gather_branches(address(nodes), None), _BRANCH))
+        library.gather_branches(address(nodes), address(self._branches))
 
     def hits(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> RayHits:
         """See `RayTracer`."""
@@ -254,7 +253,7 @@ class NativeTracer:
         def trace(first: int, end: int) -> None:
             """Trace the rays from first to before end."""
             rows = slice(first, end)
-            given = (origins[rows], directions[rows], self._nodes, self._order, self._packed)
+            given = (origins[rows], directions[rows], self._branches, self._order, self._packed)
             made = (distance[rows], triangle[rows])
             tolerances = (EDGE_TOLERANCE, self._both_sides)
             self._library.trace(end - first, across, *map(address, given), *tolerances, *map(address, made))

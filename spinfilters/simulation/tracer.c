@@ -1,15 +1,16 @@
 /* Closest intersections of rays with triangles in float64: a bounding-volume hierarchy walked by packets of neighbouring rays.
 
-   See `ray_tracing.brute_force_hits` for what is computed. A packet visits a node when one of its rays meets the node's box.
-   A tree's arrays: nodes[2 n - 1], triangles[n][12] = (corner, edge 1, edge 2, smallest determinant, ...) in the order of
-   leaves. */
+   See `ray_tracing.brute_force_hits` for what is computed. A binary tree is built, and its nodes are then gathered into wide ones,
+   whose boxes are compared with a packet side by side. A packet visits a node whose box one of its rays may meet.
+   A tree's arrays: nodes[2 n - 1] while it is built, branches, and triangles[n][12] = (corner, edge 1, edge 2, smallest
+   determinant, ...) in the order of leaves. */
 
 #include <math.h>
 #include <string.h>
 
 typedef long long integer;
 typedef struct { double sides[6]; integer first, count; } Node; /* low and high; count 0: children first and first + 1 */
-enum { LANES = 16, BINS = 16, LEAF = 4, BALANCED_DEPTH = 48, STACK = 160 };
+enum { LANES = 16, BINS = 16, LEAF = 3, BRANCHES = 16, BALANCED_DEPTH = 48, STACK = 80 * BRANCHES };
 enum { WIDE = 4, TALL = LANES / WIDE, NEAR_STEPS = 4 };
 static const double FAR = 1e300, PADDING = 1e-8;
 
@@ -164,46 +165,89 @@ void build_tree(integer n, const double* corners, double smallest, Node* nodes, 
   }
 }
 
-typedef struct { double o[3][LANES], d[3][LANES], inverse[3][LANES], t[LANES]; integer hit[LANES], entry[3]; } Packet;
+/* Up to BRANCHES children with their boxes side by side; a child of count 0 is the inner node `first`, else a leaf's triangles. */
+typedef struct { double sides[6][BRANCHES]; int first[BRANCHES], count[BRANCHES]; integer children; } Branch;
 
-/* The number of a box, low [3] and high [3], by which all rays enter it along each axis; entry[0] is -1 where rays differ. */
-static void find_entries(Packet* p) {
-  integer differ = 0;
-  for (int a = 0; a < 3; ++a) {
-    integer negative = 0;
-    for (int k = 0; k < LANES; ++k) negative += p->inverse[a][k] < 0;
-    p->entry[a] = negative ? 3 + a : a;
-    differ |= negative && negative < LANES;
-  }
-  if (differ) p->entry[0] = -1;
-}
-
-/* `meets` of rays that all enter by the same sides, whose order then needs no comparison. */
-static integer meets_by_entries(const Packet* p, const double* sides) {
-  double enter[3], leave[3];
-  integer any = 0;
-  /* the other side of axis a is 3 + a or a */
-  for (int a = 0; a < 3; ++a) {
-    enter[a] = sides[p->entry[a]];
-    leave[a] = sides[2 * a + 3 - p->entry[a]];
-  }
-  for (int k = 0; k < LANES; ++k) {
-    double near = 0, far = p->t[k];
-    for (int a = 0; a < 3; ++a) {
-      const double first = (enter[a] - p->o[a][k]) * p->inverse[a][k], last = (leave[a] - p->o[a][k]) * p->inverse[a][k];
-      near = first > near ? first : near;
-      far = last < far ? last : far;
+/* Children of a wide node: those of a binary one, of which the one of the largest area is replaced by its own until there are
+ * enough. Stores them where `branches` is given, and returns how many wide nodes there are then. */
+static integer widen(const Node* nodes, integer at, Branch* branches, integer used) {
+  integer held[BRANCHES], count = 1, own = used++;
+  held[0] = at;
+  while (count < BRANCHES) {
+    integer widest = -1;
+    double largest = -1;
+    for (integer j = 0; j < count; ++j) {
+      const Node* node = &nodes[held[j]];
+      if (node->count) continue;
+      Box box;
+      memcpy(&box, node->sides, sizeof box);
+      if (half_area(&box) > largest) { largest = half_area(&box); widest = j; }
     }
-    any += near <= far * (1 + 1e-12);
+    if (widest < 0) break;
+    held[count++] = nodes[held[widest]].first + 1;
+    held[widest] = nodes[held[widest]].first;
   }
-  return any;
+  if (branches) branches[own].children = count;
+  for (integer j = 0; j < BRANCHES; ++j) {
+    const Node* node = &nodes[held[j < count ? j : 0]];
+    if (branches) {
+      for (int side = 0; side < 6; ++side) branches[own].sides[side][j] = j < count ? node->sides[side] : side < 3 ? FAR : -FAR;
+      branches[own].count[j] = (int)node->count;
+      branches[own].first[j] = (int)(node->count ? node->first : used);
+    }
+    if (j < count && !node->count) used = widen(nodes, held[j], branches, used);
+  }
+  return used;
 }
 
-/* How many lanes meet a box before their nearest hit: slab test, entry and exit along each axis (1 / d is stored). */
-static integer meets(const Packet* p, const Node* node) {
-  const double *low = node->sides, *high = low + 3;
+/* How many wide nodes the binary tree gives; they are stored where there is room for them. */
+integer gather_branches(const Node* nodes, Branch* branches) { return widen(nodes, 0, branches, 0); }
+
+typedef struct {
+  double o[3][LANES], d[3][LANES], inverse[3][LANES], t[LANES], farthest;
+  integer hit[LANES];
+  /* axes along which all rays have the same sense: their number, which they are, the sides of a box by which the rays enter it
+   * and leave it there, the origins that come first to these sides, and the bounds of the inverse directions */
+  integer alike, enter[3], leave[3];
+  double first_origin[3], last_origin[3], smallest[3], largest[3];
+} Packet;
+
+/* Smallest and largest of LANES values. */
+static void bounds(const double* values, double* low, double* high) {
+  double small[LANES], large[LANES];
+  memcpy(small, values, sizeof small);
+  memcpy(large, values, sizeof large);
+  for (int half = LANES / 2; half; half /= 2)
+    for (int k = 0; k < half; ++k) {
+      small[k] = small[k + half] < small[k] ? small[k + half] : small[k];
+      large[k] = large[k + half] > large[k] ? large[k + half] : large[k];
+    }
+  *low = small[0];
+  *high = large[0];
+}
+
+static void find_bounds(Packet* p) {
+  p->alike = 0;
+  for (int a = 0; a < 3; ++a) {
+    double low, high, smallest, largest;
+    bounds(p->inverse[a], &smallest, &largest);
+    if (smallest < 0 && largest > 0) continue;
+    bounds(p->o[a], &low, &high);
+    const integer j = p->alike++, backward = largest < 0;
+    p->enter[j] = backward ? 3 + a : a;
+    p->leave[j] = backward ? a : 3 + a;
+    p->first_origin[j] = backward ? low : high;
+    p->last_origin[j] = backward ? high : low;
+    p->smallest[j] = smallest;
+    p->largest[j] = largest;
+  }
+}
+
+/* How many lanes meet a child's box before their nearest hit: slab test, entry and exit along each axis (1 / d is stored). */
+static integer meets(const Packet* p, const Branch* node, integer child) {
   integer any = 0;
-  if (p->entry[0] >= 0) return meets_by_entries(p, low);
+  double low[3], high[3];
+  for (int a = 0; a < 3; ++a) { low[a] = node->sides[a][child]; high[a] = node->sides[3 + a][child]; }
   /* lane k: latest entry and earliest exit over the axes, with a margin for rounding */
   for (int k = 0; k < LANES; ++k) {
     double near = 0, far = p->t[k];
@@ -216,6 +260,25 @@ static integer meets(const Packet* p, const Node* node) {
     any += near <= far * (1 + 1e-12);
   }
   return any;
+}
+
+/* The earliest that any ray may enter each child's box; FAR where none meets it. An interval holds all rays' entries, so no box
+ * that one of them meets is lost; axes along which the rays' senses differ say nothing. */
+static void entries(const Packet* p, const Branch* node, double* entry) {
+  double near[BRANCHES], far[BRANCHES];
+  for (int c = 0; c < BRANCHES; ++c) { near[c] = 0; far[c] = p->farthest; }
+  for (integer j = 0; j < p->alike; ++j) {
+    const double *enter = node->sides[p->enter[j]], *leave = node->sides[p->leave[j]];
+    const double ahead = p->first_origin[j], behind = p->last_origin[j], s = p->smallest[j], l = p->largest[j];
+    for (int c = 0; c < BRANCHES; ++c) {
+      const double in_s = (enter[c] - ahead) * s, in_l = (enter[c] - ahead) * l;
+      const double out_s = (leave[c] - behind) * s, out_l = (leave[c] - behind) * l;
+      const double in = in_s < in_l ? in_s : in_l, out = out_s > out_l ? out_s : out_l;
+      near[c] = in > near[c] ? in : near[c];
+      far[c] = out < far[c] ? out : far[c];
+    }
+  }
+  for (int c = 0; c < BRANCHES; ++c) entry[c] = near[c] <= far[c] * (1 + 1e-12) ? near[c] : FAR;
 }
 
 /* Moeller-Trumbore for all lanes; the determinant is that of (edge 1, edge 2, -direction), positive from outside. */
@@ -237,27 +300,33 @@ static void intersect(Packet* p, const double* v, integer triangle, double toler
   }
 }
 
-/* Nearest hits of a packet, depth first; the child nearer along lane 0 comes first, so that hits in it exclude the other. */
-static void walk(Packet* p, const Node* nodes, const double* packed, double tolerance, double both_sides) {
-  integer stack[STACK], depth = 0;
-  if (meets(p, nodes)) stack[depth++] = 0;
-  /* depth first: a leaf's triangles are intersected; of an inner node both children are pushed, the nearer on top */
+typedef struct { double entry; int first, count; } Waiting;
+
+/* Nearest hits of a packet, depth first, the child that is entered first before the others, so that hits in it exclude these. */
+static void walk(Packet* p, const Branch* branches, const double* packed, double tolerance, double both_sides) {
+  Waiting stack[STACK];
+  integer depth = 1;
+  stack[0] = (Waiting){0, 0, 0};
   while (depth) {
-    const Node* node = &nodes[stack[--depth]];
-    if (!meets(p, node)) continue; /* again: hits found since it was pushed may be nearer */
-    if (node->count) {
-      for (integer k = 0; k < node->count; ++k)
-        intersect(p, packed + 12 * (node->first + k), node->first + k, tolerance, both_sides);
+    const Waiting next = stack[--depth];
+    if (next.entry > p->farthest) continue; /* hits found since it was pushed are nearer */
+    if (next.count) {
+      for (integer k = 0; k < next.count; ++k)
+        intersect(p, packed + 12 * (next.first + k), next.first + k, tolerance, both_sides);
+      double nearest;
+      bounds(p->t, &nearest, &p->farthest);
       continue;
     }
-    const Node* pair = &nodes[node->first];
-    /* Direction of lane 0 times the vector from the first child's centre to the second's (doubled): its sign orders the pair. */
-    double ahead = 0;
-    for (int a = 0; a < 3; ++a)
-      ahead += p->d[a][0] * (pair[1].sides[a] + pair[1].sides[3 + a] - pair[0].sides[a] - pair[0].sides[3 + a]);
-    integer near = ahead > 0 ? 0 : 1;
-    stack[depth++] = node->first + 1 - near;
-    stack[depth++] = node->first + near;
+    const Branch* node = &branches[next.first];
+    double entry[BRANCHES];
+    entries(p, node, entry);
+    const integer bottom = depth;
+    for (integer c = 0; c < node->children; ++c) {
+      if (entry[c] >= FAR || (p->alike < 3 && !meets(p, node, c))) continue;
+      integer place = depth++;
+      for (; place > bottom && stack[place - 1].entry < entry[c]; --place) stack[place] = stack[place - 1];
+      stack[place] = (Waiting){entry[c], node->first[c], node->count[c]};
+    }
   }
 }
 
@@ -279,7 +348,7 @@ integer row_length(integer n, const double* directions) {
 }
 
 /* Nearest hits of the rays of one packet, stored at their places in n rays. */
-static void trace_packet(const integer* rays, const double* origins, const double* directions, const Node* nodes,
+static void trace_packet(const integer* rays, const double* origins, const double* directions, const Branch* nodes,
                          const integer* order, const double* packed, double tolerance, double both_sides, double* distances,
                          integer* hits) {
   Packet p;
@@ -294,7 +363,8 @@ static void trace_packet(const integer* rays, const double* origins, const doubl
     p.t[k] = FAR;
     p.hit[k] = -1;
   }
-  find_entries(&p);
+  p.farthest = FAR;
+  find_bounds(&p);
   walk(&p, nodes, packed, tolerance, both_sides);
   /* Store: hits are places in the order of leaves, `order` maps them to triangles; a ray that is repeated is stored again. */
   for (int k = 0; k < LANES; ++k) {
@@ -304,7 +374,7 @@ static void trace_packet(const integer* rays, const double* origins, const doubl
 }
 
 /* Distances (FAR for a miss) and triangles (-1) of n rays with unit directions, in rows of `across` rays; 0: in no rows. */
-void trace(integer n, integer across, const double* origins, const double* directions, const Node* nodes, const integer* order,
+void trace(integer n, integer across, const double* origins, const double* directions, const Branch* nodes, const integer* order,
            const double* packed, double tolerance, double both_sides, double* distances, integer* hits) {
   const integer bands = across ? n / (across * TALL) : 0;
   integer rays[LANES];

@@ -52,7 +52,7 @@ class EpochRows:
         """Whether no epoch has more than one measurement."""
         return len(self.first) == len(self.rows)
 
-    @property
+    @cached_property
     def information(self) -> Float[np.ndarray, "f c1 c1"]:
         """[J | y]'[J | y] of the epochs of `first`."""
         if self.are_single:  # one product [J | y]'[J | y] a row

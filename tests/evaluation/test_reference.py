@@ -24,8 +24,8 @@ from spinfilters.evaluation.reference_fit import fit_reference, reference_rates
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.reference_motion import ReferenceMotion, read_reference, reference_of_truth
 from spinfilters.io.truth import Truth
-from spinfilters.run.comparison_run import without_late_truth
-from spinfilters.run.reference_output import chosen_reference
+from spinfilters.run.comparison_run import without_unmatched_truth
+from spinfilters.run.reference_output import ReferenceComparisons, chosen_reference, write_reference
 from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 
@@ -102,6 +102,25 @@ def test_differences_are_those_from_a_truth_at_equal_stamps() -> None:
         assert ours[name] == pytest.approx(theirs[name], rel=0.02), name
 
 
+def test_a_table_has_numbers_only_where_the_reference_has_values(tmp_path: Path) -> None:
+    history, truth = smoothed()
+    found = compare_with_reference(history, moved(truth)[0])
+    assert found.velocity is not None
+    shorter = replace(
+        found.velocity,
+        **{name: getattr(found.velocity, name)[5:-5] for name in ("time", "estimate", "reference")},
+    )
+    compared = ReferenceComparisons(moved(truth)[0], {"smoother": replace(found, velocity=shorter)}, {})
+    (tmp_path / "smoother").mkdir()
+    write_reference(tmp_path, compared, with_figures=False)
+    (path,) = (tmp_path / "smoother").glob("*.csv")
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    within = (table["time_s"] >= shorter.time[0]) & (table["time_s"] <= shorter.time[-1])
+    assert within.any()
+    assert not within.all()
+    np.testing.assert_array_equal(np.isfinite(table["estimate_vx"]), within)
+
+
 def test_what_a_fit_takes_up_is_counted_though_no_residual_shows_it() -> None:
     motion = ContinuousMotion(smoothed()[0])
     time = np.arange(0.5, 29.0, 0.1)
@@ -175,10 +194,10 @@ def test_rates_alone_give_clock_and_axes() -> None:
 def test_a_late_truth_becomes_a_reference() -> None:
     dataset = simulate(Scenario.simplified(kind="gyro", epochs=12))
     assert dataset.truth is not None
-    same, nothing = without_late_truth(dataset)
+    same, nothing = without_unmatched_truth(dataset)
     assert same is dataset
     assert nothing is None
-    late, reference = without_late_truth(
+    late, reference = without_unmatched_truth(
         replace(dataset, truth=replace(dataset.truth, time=dataset.truth.time + 0.1))
     )
     assert late.truth is None

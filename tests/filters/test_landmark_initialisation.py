@@ -189,13 +189,13 @@ def test_with_enough_modes_landmarks_and_state_are_as_correlated_as_in_the_dense
     np.testing.assert_allclose(_scaled(factor @ factor.T, expected), _scaled(expected, expected), atol=2e-5)
 
 
-def test_hits_count_the_observations_in_use() -> None:
+def test_counts_are_of_the_observations_in_use() -> None:
     sample, found = _small(), _linearised()
     every = np.concatenate(
         [m.ids for epoch in sample.epochs for m in epoch.measurements if m.ids is not None]
     )
     used = np.concatenate(found.used)
-    np.testing.assert_array_equal(found.hits(sample.known.ids), np.bincount(every[used], minlength=40))
+    np.testing.assert_array_equal(found.counts, np.bincount(every[used], minlength=40)[found.ids])
     assert found.dof == 3 * used.sum() - 3 * len(found.ids) + 6
 
 

@@ -38,3 +38,22 @@ def test_a_last_line_that_was_cut_off_and_lines_of_other_things_are_left_out(
 ) -> None:
     (stream,) = spinfilters.load(written(tmp_path, number, line), unit="rad/s").log.streams
     assert len(stream.time) == len(LINES) - 1
+
+
+@pytest.mark.parametrize("bad", [range(1, 11), range(51, 61)], ids=["first", "last"])
+@pytest.mark.parametrize(
+    "line", ["t: 0.16 gx=0.3 gy=abc gz=0.1", "t: abc gx=0.3 gy=1.5 gz=0.1", "t: 1 gx=nan gy=nan gz=nan"]
+)
+def test_values_that_are_no_numbers_are_refused_at_both_ends(tmp_path: Path, bad: range, line: str) -> None:
+    path = tmp_path / "serial.log"
+    path.write_text("\n".join(line if k in bad else text for k, text in enumerate(LINES, start=1)) + "\n")
+    with pytest.raises(InputError, match=rf"line {bad.start}: '\w+' is '(abc|nan)', no number"):
+        spinfilters.load(path, unit="rad/s")
+
+
+@pytest.mark.parametrize("end", ["t: 1.20 gx=0.3 gy=1.5 gz=", "t: 1.20 gx=0.3 gy=1.5 gz=-"])
+def test_a_legend_above_and_a_line_cut_off_below_are_left_out(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "serial.log"
+    path.write_text("\n".join(["t: time gx=roll gy=pitch gz=yaw", *LINES, end]))
+    (stream,) = spinfilters.load(path, unit="rad/s").log.streams
+    assert len(stream.time) == len(LINES)

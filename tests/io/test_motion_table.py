@@ -326,3 +326,26 @@ def test_a_second_clock_of_all_nanoseconds_is_left_alone(tmp_path: Path) -> None
     rows = [f"{t},{1e9 * t + 5e9:.0f},{x},{y},{z}" for t, x, y, z in ROWS.tolist()]
     path.write_text("\n".join(["time_s,time_ns,wx,wy,wz", *rows, ""]))
     np.testing.assert_array_equal(rates(path).log.stream("gyro").time, ROWS[:, 0])
+
+
+@pytest.mark.parametrize("gap", [0.0, 3.0])
+def test_seconds_and_their_nanoseconds_are_one_clock_across_a_dropout(tmp_path: Path, gap: float) -> None:
+    time = 100.0 + 0.01 * np.arange(1000)
+    time[500:] += gap
+    second = np.floor(time + 1e-9)
+    path = tmp_path / "imu.csv"
+    rows = [f"{s:.0f},{(t - s) * 1e9:.0f},0.3,0.5,0.2" for t, s in zip(time, second, strict=True)]
+    path.write_text("\n".join(["stamp.sec,stamp.nanosec,wx_rad_s,wy_rad_s,wz_rad_s", *rows, ""]))
+    np.testing.assert_allclose(rates(path).log.streams[0].time, time, atol=1e-6)
+
+
+@pytest.mark.parametrize("incomplete", [(), (10,), (10, 58)])
+def test_a_last_number_that_was_cut_off_is_left_out(tmp_path: Path, incomplete: tuple[int, ...]) -> None:
+    rows = [f"{0.01 * k:.6f},{0.3:.6f},{0.5 + 0.001 * k:.6f},{0.2:.6f}" for k in range(60)]
+    for k in incomplete:
+        rows[k] = f"{0.01 * k:.6f},,,"
+    path = tmp_path / "mine.csv"
+    path.write_text("\n".join(["time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s", *rows])[:-6])
+    (stream,) = rates(path).log.streams
+    assert len(stream.time) == 59 - len(incomplete)
+    np.testing.assert_array_equal(stream.values[:, 2], 0.2)

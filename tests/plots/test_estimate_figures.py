@@ -20,7 +20,7 @@ from spinfilters.evaluation.estimator_evaluation import evaluate
 from spinfilters.io.camera import PinholeCamera, StereoRig
 from spinfilters.plots import summary
 from spinfilters.plots.scene import DrawnCamera, estimated_polhode_figure, scene_figure
-from spinfilters.plots.style import estimator_lines, save_figure
+from spinfilters.plots.style import estimator_lines, extremes, save_figure
 from spinfilters.plots.summary import headline, inertia_figure, summary_figure
 from spinfilters.plots.time_courses import (
     consistency_figure,
@@ -286,3 +286,11 @@ def test_the_longest_headline_stays_within_its_figure(monkeypatch: pytest.Monkey
     extent = title.get_window_extent()
     assert extent.x0 > 0
     assert extent.x1 < figure.bbox.x1
+
+
+def test_a_gap_in_a_curve_hides_no_peak() -> None:
+    curve = np.sin(np.arange(100_000) / 1e4)
+    curve[50_010], curve[50_001], curve[:20_000] = 50.0, np.nan, np.nan
+    drawn = extremes(curve)
+    assert isinstance(drawn, np.ndarray)
+    assert 50_010 in drawn

@@ -168,9 +168,9 @@ def test_an_error_drawn_by_epoch_is_found_by_its_variance_and_is_no_jump() -> No
     assert columns is not None
     K = len(motion.time)
     for drawn in (0.1 * np.random.default_rng(4).standard_normal(K), 0.5 * np.eye(K)[K // 2]):
-        read = zip(columns.sensors, motion.rows.problem.motion.sensors, strict=True)
+        read = zip(columns.formed.sensors, motion.rows.problem.motion.sensors, strict=True)
         late = (part * drawn[each.epoch, None, None] for part, each in read)
-        wrong = replace(motion, rows=shifted(motion.rows, replace(columns, sensors=tuple(late))))
+        wrong = replace(motion, rows=shifted(motion.rows, replace(columns.formed, sensors=tuple(late))))
         first = score_tests(wrong, noise, table().values())[0]
         assert first.error.name == "clock-jitter"
         assert first.is_possible == (np.count_nonzero(drawn) > 1)

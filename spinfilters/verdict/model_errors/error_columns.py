@@ -16,6 +16,7 @@ from spinfilters.core.camera_trajectory import Displacement, levered
 from spinfilters.core.linear_algebra import at_times
 from spinfilters.io.consider_parameter import ConsiderParameter
 from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.state_blocks import ATTITUDE, POSITION, VELOCITY
 from spinfilters.verdict.model_errors.linear_rows import Columns
 from spinfilters.verdict.model_errors.smoothed_motion import (
@@ -181,7 +182,7 @@ def flywheel(motion: SmoothedMotion) -> Columns:
 
 def clock_jitter(motion: SmoothedMotion) -> Columns | None:
     """Every epoch is late by a time of its own."""
-    return motion.in_time(lambda each: np.ones((len(each.epoch), 1)))
+    return motion.in_time(lambda model: np.ones((len(motion.time), 1)))
 
 
 def keeps_order(size: Float[np.ndarray, " m"], motion: SmoothedMotion) -> bool:
@@ -193,7 +194,7 @@ def clock_drift(motion: SmoothedMotion) -> Columns | None:
     """Linear clock drift: epochs are late by the square of the time from the middle, in units of its span."""
     span = motion.time[-1] - motion.time[0]
     late = 4 * ((motion.time - motion.time.mean()) / span) ** 2
-    return motion.in_time(lambda each: late[each.epoch, None])
+    return motion.in_time(lambda model: late[:, None])
 
 
 def runs_forward(size: Float[np.ndarray, " m"], motion: SmoothedMotion) -> bool:
@@ -207,10 +208,10 @@ def sensor_delay(motion: SmoothedMotion) -> Columns | None:
     if len(names) < 2:
         return None
 
-    def late(each: MeasuredRows) -> Float[np.ndarray, "r m"]:
-        """Delay of a row, s per unit."""
-        own = np.zeros((len(each.epoch), len(names) - 1))
-        number = names.index(each.model.name)
+    def late(model: MeasurementModel) -> Float[np.ndarray, "k m"]:
+        """Delay of a sensor's measurements, s per unit."""
+        own = np.zeros((len(motion.time), len(names) - 1))
+        number = names.index(model.name)
         own[:, number : number + 1] = 1.0  # of the last there is no column
         return own
 

@@ -77,13 +77,56 @@ class Sensitivity:
 
 
 @dataclass(frozen=True)
+class SeenErrors:
+    """Right-hand sides J e of a sensor, which sees m errors e of the state at every epoch: a map of hundreds of points need not be
+    gone through for products of them.
+
+    Attributes
+    ----------
+    rows : EpochRows
+        With the sensor's Jacobian J.
+    errors : (k, c, m) float array
+        Of the columns that the sensor depends on.
+    """
+
+    rows: EpochRows
+    errors: Float[np.ndarray, "k c m"]
+
+    @cached_property
+    def gradient(self) -> Float[np.ndarray, "k c m"]:
+        """J'J e."""
+        found = np.zeros_like(self.errors)
+        seen = self.rows.epoch[self.rows.first]
+        found[seen] = self.rows.information[:, :-1, :-1] @ self.errors[seen]
+        return found
+
+    @property
+    def squares(self) -> Float[np.ndarray, " m"]:
+        """Squared length of every right-hand side."""
+        return np.einsum("kcm,kcm->m", self.errors, self.gradient)
+
+    @property
+    def formed(self) -> Float[np.ndarray, "r i m"]:
+        """The numbers of every row."""
+        return self.rows.products(self.errors)
+
+    def times(self, coefficients: Float[np.ndarray, "m o"]) -> "SeenErrors":
+        """Combinations of the right-hand sides."""
+        return replace(self, errors=self.errors @ coefficients)
+
+    def part(self, columns: slice) -> "SeenErrors":
+        """Some of them."""
+        return replace(self, errors=self.errors[:, :, columns])
+
+
+@dataclass(frozen=True)
 class Columns:
     """m right-hand sides: numbers for every whitened row.
 
     Attributes
     ----------
     sensors : tuple[(r, i, m) float array, ...]
-        Of every sensor without landmarks.
+        Of every sensor without landmarks; none where they are `seen`.
     steps : (k, d, m) float array
         (k, d, m) with k = K - 1 steps between K epochs.
     observations : (N, 3, m) float array or None
@@ -94,6 +137,8 @@ class Columns:
         False where all numbers of sensors and observations are zero.
     states : (K, d, m) float array or None
         Moving components a of the states, less which the rows are, H - J a; None of rows as they are.
+    seen : tuple[SeenErrors, ...]
+        Of every sensor, in place of their rows.
     """
 
     sensors: tuple[Float[np.ndarray, "_ _ m"], ...]
@@ -102,6 +147,7 @@ class Columns:
     prior: Float[np.ndarray, "n m"]
     is_measured: bool = True
     states: Float[np.ndarray, "K d m"] | None = None
+    seen: tuple[SeenErrors, ...] = ()
 
     @property
     def count(self) -> int:
@@ -112,7 +158,14 @@ class Columns:
     def parts(self) -> tuple[Float[np.ndarray, "_ _ m"], ...]:
         """All rows by kind: sensors, steps, observations, prior."""
         seen = () if self.observations is None else (self.observations,)
-        return (*self.sensors, self.steps, *seen, self.prior[None])
+        return (*self.formed.sensors, self.steps, *seen, self.prior[None])
+
+    @cached_property
+    def formed(self) -> "Columns":
+        """With the rows of sensors as numbers."""
+        if not self.seen:
+            return self
+        return replace(self, sensors=tuple(each.formed for each in self.seen), seen=())
 
     @property
     def of_motion(self) -> "Columns":
@@ -129,7 +182,9 @@ class Columns:
     @property
     def squares(self) -> Float[np.ndarray, " m"]:
         """Squared length of every column."""
-        return np.asarray(sum(np.einsum("abm,abm->m", part, part) for part in self.parts))
+        rest = replace(self, seen=())
+        found = sum(np.einsum("abm,abm->m", part, part) for part in rest.parts)
+        return np.asarray(found + sum(each.squares for each in self.seen))
 
     def scaled(self, factor: float) -> "Columns":
         """All columns times a number."""
@@ -141,14 +196,15 @@ class Columns:
         sensors = tuple(_times(part, coefficients) for part in self.sensors)
         states = None if self.states is None else _times(self.states, coefficients)
         steps, prior = _times(self.steps, coefficients), self.prior @ coefficients
-        return Columns(sensors, steps, seen, prior, self.is_measured, states)
+        errors = tuple(each.times(coefficients) for each in self.seen)
+        return Columns(sensors, steps, seen, prior, self.is_measured, states, errors)
 
     def minus(self, other: "Columns") -> "Columns":
         """Difference."""
         seen = None
         if self.observations is not None and other.observations is not None:
             seen = self.observations - other.observations
-        sensors = tuple(a - b for a, b in zip(self.sensors, other.sensors, strict=True))
+        sensors = tuple(a - b for a, b in zip(self.formed.sensors, other.formed.sensors, strict=True))
         return Columns(sensors, self.steps - other.steps, seen, self.prior - other.prior)
 
     def part(self, columns: slice) -> "Columns":
@@ -156,13 +212,15 @@ class Columns:
         seen = None if self.observations is None else self.observations[:, :, columns]
         sensors = tuple(part[:, :, columns] for part in self.sensors)
         states = None if self.states is None else self.states[:, :, columns]
-        return Columns(
-            sensors, self.steps[:, :, columns], seen, self.prior[:, columns], self.is_measured, states
-        )
+        errors = tuple(each.part(columns) for each in self.seen)
+        steps, prior = self.steps[:, :, columns], self.prior[:, columns]
+        return Columns(sensors, steps, seen, prior, self.is_measured, states, errors)
 
     @classmethod
     def joined(cls, parts: "list[Columns]") -> "Columns":
         """Columns side by side."""
+        if not all(each.seen for each in parts):
+            parts = [each.formed for each in parts]
         seen = None
         if parts[0].observations is not None:
             seen = np.concatenate([each.observations for each in parts if each.observations is not None], 2)
@@ -178,7 +236,11 @@ class Columns:
             states = np.concatenate(
                 [np.zeros((*shape, e.count)) if e.states is None else e.states for e in parts], axis=2
             )
-        return cls(sensors, steps, seen, prior, measured, states)
+        errors = tuple(
+            SeenErrors(each[0].rows, np.concatenate([e.errors for e in each], axis=2))
+            for each in zip(*(p.seen for p in parts), strict=True)
+        )
+        return cls(sensors, steps, seen, prior, measured, states, errors)
 
 
 def _times(part: Float[np.ndarray, "a b m"], coefficients: Float[np.ndarray, "m o"]) -> np.ndarray:
@@ -257,10 +319,18 @@ class LinearRows:
 
     def nothing(self, count: int, is_measured: bool = True) -> Columns:
         """Zeros, of which those of the measurements stay so unless ``is_measured``."""
-        sensors = tuple(np.zeros((*rows.shape[:2], count)) for rows in self.sensor_rows)
-        seen = None if self.observation_rows is None else np.zeros((len(self.observation_rows), 3, count))
-        steps = np.zeros((*self.here.dynamics.rows.shape[:2], count))
-        return Columns(sensors, steps, seen, np.zeros((len(self.prior_rows), count)), is_measured)
+        observed = None if self.observation_rows is None else np.zeros((len(self.observation_rows), 3, count))
+        steps, prior = (
+            np.zeros((*self.here.dynamics.rows.shape[:2], count)),
+            np.zeros((len(self.prior_rows), count)),
+        )
+        if is_measured:
+            sensors = tuple(np.zeros((*rows.shape[:2], count)) for rows in self.sensor_rows)
+            return Columns(sensors, steps, observed, prior)
+        epochs = self.problem.ordering.epochs
+        errors = [np.zeros((epochs, rows.shape[2] - 1, count)) for rows in self.sensor_rows]
+        seen = tuple(map(SeenErrors, self.by_epoch, errors))
+        return Columns((), steps, observed, prior, is_measured=False, seen=seen)
 
     def sensitivity(self, right: Columns) -> Sensitivity:
         """P J'H: by how much the solution moves per unit of each right-hand side."""
@@ -274,7 +344,35 @@ class LinearRows:
 
     def residual(self, right: Columns) -> Columns:
         """M H."""
-        return right.minus(self._explained_rows(self.solved(self.gradient(right))))
+        e = self.solved(self.gradient(right))
+        if not right.seen:
+            return right.minus(self._explained_rows(e))
+        states = self.states(e)
+        # the sensors' J a - J e, of errors a that they see
+        sensors = tuple(
+            seen.rows.products(seen.errors - states[:, self.columns_of(sensor)])
+            for sensor, seen in zip(self.problem.motion.sensors, right.seen, strict=True)
+        )
+        left = replace(right, seen=(), states=None).minus(self.explained_beside_sensors(e))
+        return replace(left, sensors=sensors)
+
+    @cached_property
+    def left_gradients(self) -> tuple[Float[np.ndarray, "k _"], ...]:
+        """J'rho of every sensor by epoch, rho what the solution leaves."""
+        count, left = self.problem.ordering.epochs, self.left.sensors
+        parts = zip(self.by_epoch, left, strict=True)
+        return tuple(rows.gradient(part, count)[:, :, 0] for rows, part in parts)
+
+    def score(self, right: Columns) -> Float[np.ndarray, " m"]:
+        """H'rho over the rows that the right-hand sides have, rho what the solution leaves."""
+        if not right.is_measured:
+            return right.gram(self.left.of_motion)[:, 0]
+        if not right.seen:
+            return right.gram(self.left)[:, 0]
+        found = replace(right, seen=()).gram(replace(self.left, sensors=()))[:, 0]
+        for seen, gradient in zip(right.seen, self.left_gradients, strict=True):
+            found += np.einsum("kcm,kc->m", seen.errors, gradient)
+        return found
 
     def less_states(self, right: Columns, states: Float[np.ndarray, "k d m"]) -> Columns:
         """H - J a of moving components a, in the place of H: the same error, for M J = 0."""
@@ -300,10 +398,11 @@ class LinearRows:
         ordering, m = self.problem.ordering, right.count
         d, J = len(ordering.moving), self.here.dynamics.rows[:, :, :-1]
         every = np.zeros((ordering.epochs, len(ordering.order), m))
-        if right.is_measured:
-            for sensor, rows, part in zip(
-                self.problem.motion.sensors, self.by_epoch, right.sensors, strict=True
-            ):
+        sensors = self.problem.motion.sensors
+        for sensor, errors in zip(sensors, right.seen, strict=bool(right.seen)):
+            every[:, self.columns_of(sensor)] += errors.gradient
+        if right.is_measured and not right.seen:
+            for sensor, rows, part in zip(sensors, self.by_epoch, right.sensors, strict=True):
                 every[:, self.columns_of(sensor)] += rows.gradient(part, ordering.epochs)
         # A step k has the columns [moving k | moving k + 1 | constants]: each part of J'H goes to its own epoch.
         by_step = np.swapaxes(J, 1, 2) @ right.steps
@@ -411,14 +510,22 @@ class LinearRows:
 
     def seen(self, states: Float[np.ndarray, "k n m"]) -> Columns:
         """Measured rows of errors of the states, components as in `VariableOrdering.order`."""
-        nothing = self.nothing(states.shape[2])
-        for number, (sensor, rows) in enumerate(zip(self.problem.motion.sensors, self.by_epoch, strict=True)):
-            nothing.sensors[number][:] = rows.products(states[:, self.columns_of(sensor)])
+        sensors, observed = self.problem.motion.sensors, None
+        errors = [states[:, self.columns_of(sensor)] for sensor in sensors]
         fit = self.normal.eliminated
-        if nothing.observations is not None and self.observation_rows is not None and fit is not None:
-            poses = states[fit.observations.epoch, :6]
-            nothing.observations[:] = self.observation_rows[:, :, :6] @ poses
-        return nothing
+        if self.observation_rows is not None and fit is not None:
+            observed = self.observation_rows[:, :, :6] @ states[fit.observations.epoch, :6]
+        return self.seen_by(errors, observed, states.shape[2])
+
+    def seen_by(
+        self,
+        errors: Sequence[Float[np.ndarray, "k _ m"]],
+        observed: Float[np.ndarray, "N 3 m"] | None,
+        count: int,
+    ) -> Columns:
+        """Right-hand sides J e of every sensor, which sees these errors of its own columns, and those of observations."""
+        nothing, seen = self.nothing(count, is_measured=False), tuple(map(SeenErrors, self.by_epoch, errors))
+        return replace(nothing, observations=observed, is_measured=True, seen=seen)
 
     def explained_beside_sensors(self, e: Gradient) -> Columns:
         """J e of all rows but those of the sensors that see no landmark."""

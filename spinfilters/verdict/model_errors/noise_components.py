@@ -4,7 +4,7 @@ The root of a function of one number is found as by SciPy's `brentq`, step by st
 a second: more than all that a comparison needs it for.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import copysign, isnan
 from typing import Final
@@ -16,7 +16,14 @@ from scipy.special import ndtr
 from spinfilters.core.chi_square import chi_square_tail, fisher_tail
 from spinfilters.filters.noise_levels import ComponentRows
 from spinfilters.smoother.motion_factors import EpochRows
-from spinfilters.verdict.model_errors.linear_rows import Columns, Gradient, LinearRows, flat, summed
+from spinfilters.verdict.model_errors.linear_rows import (
+    Columns,
+    Gradient,
+    LinearRows,
+    SeenErrors,
+    flat,
+    summed,
+)
 
 _ABSOLUTE: Final = 2e-12
 _RELATIVE: Final = 8.881784197001252e-16  # four units in the last place
@@ -277,6 +284,16 @@ def _product(
     return flat(one).T @ flat(other)
 
 
+_MEASURED, _SEEN, _DRIVEN = range(3)
+
+
+def _kind(columns: Columns) -> int:
+    """Whether sensors' rows of right-hand sides are numbers, errors of states that they see, or zero."""
+    if not columns.is_measured:
+        return _DRIVEN
+    return _SEEN if columns.seen else _MEASURED
+
+
 @dataclass(frozen=True)
 class ColumnProducts:
     """Of m right-hand sides H and of rho, what the solution leaves of the measurements.
@@ -311,17 +328,17 @@ class ColumnProducts:
     def of(cls, rows: LinearRows, noise: NoiseComponents, given: list[Columns]) -> "ColumnProducts":
         """Of all right-hand sides together; those of measurements stand first.
 
-        In the list, those of measurements become views of what joins them: there is no room for both.
+        In the list, those of measured numbers become views of what joins them: there is no room for both.
         """
-        order = sorted(range(len(given)), key=lambda k: not given[k].is_measured)
+        order = sorted(range(len(given)), key=lambda k: _kind(given[k]))
         ends = np.cumsum([0, *(given[k].count for k in order)]).tolist()
         places = {k: slice(a, b) for k, a, b in zip(order, ends, ends[1:], strict=False)}
-        driven = [each.of_motion for each in given if not each.is_measured]
-        groups = [[each for each in given if each.is_measured], driven]
+        groups = [[each for each in given if _kind(each) == kind] for kind in range(_DRIVEN)]
+        groups.append([each.of_motion for each in given if _kind(each) == _DRIVEN])
         together = [Columns.joined(group) for group in groups if group]
         groups.clear()
         for k, each in enumerate(given):
-            if each.is_measured:
+            if _kind(each) == _MEASURED:
                 view = together[0].part(places[k])
                 given[k] = view if each.states is not None else replace(view, states=None)
         solved = _SolvedRows.of(rows, together)
@@ -329,13 +346,7 @@ class ColumnProducts:
         return cls(
             tuple(places[k] for k in range(len(given))),
             np.concatenate([each.squares for each in solved.right]),
-            # residuals in the rows that the right-hand sides have
-            np.concatenate(
-                [
-                    each.gram(rows.left if each.is_measured else rows.left.of_motion)[:, 0]
-                    for each in solved.right
-                ]
-            ),
+            np.concatenate([rows.score(each) for each in solved.right]),
             solved.information,
             noise.squares(rows.left),
             shared,
@@ -371,6 +382,15 @@ class _SolvedRows:
         """Solved together."""
         e = rows.solved(Gradient.joined([rows.gradient(each) for each in groups]))
         return cls(rows, tuple(groups), rows.states(e), rows.left_beside_sensors(groups, e))
+
+    @property
+    def _seen(self) -> Iterator[tuple[slice, tuple[SeenErrors, ...]]]:
+        """Right-hand sides that sensors see as errors of the states, with their places."""
+        begin = 0
+        for each in self.right:
+            if each.seen:
+                yield slice(begin, begin + each.count), each.seen
+            begin += each.count
 
     @property
     def information(self) -> Float[np.ndarray, "m m"]:
@@ -414,6 +434,8 @@ class _SolvedRows:
             measured = None if measured is None else measured[:, list(chosen)]
         sensor = self.rows.problem.motion.sensors[number]
         e, count = self.states[:, self.rows.columns_of(sensor)], len(self.states)
+        for place, seen in self._seen:  # of these J e stands for M H = J a - J e
+            e[:, :, place] -= seen[number].errors
         information = np.zeros((count, e.shape[1], e.shape[1]))
         information[rows.epoch[rows.first]] = rows.information[:, :-1, :-1]
         own = flat(e).T @ flat(information @ e)
@@ -435,7 +457,10 @@ def information_by_epoch(
     # F = H'H - (J'H)' P (J'H): the second term couples all epochs, in blocks of q errors of each chosen epoch
     F = -rows.half_solved(_gradient(rows, columns, chosen)).gram
     own = np.zeros((rows.problem.ordering.epochs, q, q))
-    for sensor, part in zip(rows.problem.motion.sensors, columns.sensors, strict=True):
+    for seen in columns.seen:
+        own += np.swapaxes(seen.errors, 1, 2) @ seen.gradient
+    sensors = rows.problem.motion.sensors
+    for sensor, part in zip(sensors, columns.sensors, strict=not columns.seen):
         each = EpochRows(part, sensor.epoch)
         own[sensor.epoch[each.first]] += each.information
     observations = rows.problem.observations
@@ -455,9 +480,12 @@ def _gradient(rows: LinearRows, columns: Columns, chosen: Int[np.ndarray, " c"])
     K, d, number = ordering.epochs, len(ordering.moving), np.arange(count)
     # (epoch, component of its state, chosen epoch, error): a measurement of chosen epoch number c fills epoch chosen[c] alone
     every = np.zeros((K, len(ordering.order), count, q))
-    for sensor, made, part in zip(rows.problem.motion.sensors, rows.by_epoch, columns.sensors, strict=True):
-        by_epoch = made.gradient(part, K)[chosen]
-        every[chosen[:, None], rows.columns_of(sensor), number[:, None]] += by_epoch
+    by_sensor = [seen.gradient for seen in columns.seen]
+    if not by_sensor:
+        made = zip(rows.by_epoch, columns.sensors, strict=True)
+        by_sensor = [each.gradient(part, K) for each, part in made]
+    for sensor, gradient in zip(rows.problem.motion.sensors, by_sensor, strict=True):
+        every[chosen[:, None], rows.columns_of(sensor), number[:, None]] += gradient[chosen]
     landmarks = np.zeros((len(rows.here.points), 3, count * q))
     if fit is not None and rows.observation_rows is not None and columns.observations is not None:
         # observations of the chosen epochs, with the number of their epoch among these

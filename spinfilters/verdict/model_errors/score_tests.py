@@ -440,12 +440,14 @@ def _epochs_of(motion: SmoothedMotion) -> tuple[list[np.ndarray], np.ndarray | N
 def _scale_columns(motion: SmoothedMotion, columns: Columns, sizes: Float[np.ndarray, "k q m"]) -> Columns:
     """Right-hand sides of an error with these sizes at every epoch."""
     sensors, seen = _epochs_of(motion)
-    nothing = motion.rows.nothing(sizes.shape[2])
-    made = tuple(part @ sizes[epoch] for part, epoch in zip(columns.sensors, sensors, strict=True))
+    nothing = motion.rows.nothing(sizes.shape[2], is_measured=False)
+    pairs = zip(columns.sensors, sensors, strict=not columns.seen)
+    made = tuple(part @ sizes[epoch] for part, epoch in pairs)
+    errors = tuple(replace(each, errors=each.errors @ sizes) for each in columns.seen)
     observed = None
     if columns.observations is not None and seen is not None:
         observed = columns.observations @ sizes[seen]
-    return Columns(made, nothing.steps, observed, nothing.prior)
+    return Columns(made, nothing.steps, observed, nothing.prior, seen=errors)
 
 
 def _score_by_epoch(motion: SmoothedMotion, columns: Columns, left: Columns) -> Float[np.ndarray, "k q m"]:
@@ -453,7 +455,9 @@ def _score_by_epoch(motion: SmoothedMotion, columns: Columns, left: Columns) -> 
     sensors, seen = _epochs_of(motion)
     count = len(motion.time)
     found = np.zeros((count, columns.count, left.count))
-    for part, rest, epoch in zip(columns.sensors, left.sensors, sensors, strict=True):
+    for each, gradient in zip(columns.seen, motion.rows.left_gradients, strict=bool(columns.seen)):
+        found += np.einsum("kcq,kc->kq", each.errors, gradient)[:, :, None]
+    for part, rest, epoch in zip(columns.sensors, left.sensors, sensors, strict=not columns.seen):
         found += summed(epoch, count, np.swapaxes(part, 1, 2) @ rest)
     if columns.observations is not None and left.observations is not None and seen is not None:
         found += summed(seen, count, np.swapaxes(columns.observations, 1, 2) @ left.observations)

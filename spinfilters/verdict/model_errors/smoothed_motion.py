@@ -239,23 +239,33 @@ class SmoothedMotion:
         made = [_WhitenedShift(each, each.whitening @ by) for each, by in found if by is not None]
         return self._place_columns(made) if made else None
 
-    def in_time(self, late: Callable[[MeasuredRows], Float[np.ndarray, "r m"] | None]) -> Columns | None:
-        """Right-hand sides of measurements ``late`` s later than stamped, per unit of m errors."""
-        made = []
-        for each in self.measured:
-            by = late(each)
-            if by is not None:
-                made.append(_WhitenedShift(each, each.change[:, :, None] * by[:, None, :]))
-        return self._place_columns(made) if made else None
+    def in_time(self, late: Callable[[MeasurementModel], Float[np.ndarray, "k m"]]) -> Columns | None:
+        """Right-hand sides of measurements ``late`` s later than stamped, per unit of m errors, by epoch."""
+        if not self.measured:
+            return None
+        sensors, count = self.rows.problem.motion.sensors, late(self.measured[0].model).shape[1]
+        errors = [self.change[:, s.model.columns, None] * late(s.model)[:, None] for s in sensors]
+        observed = None
+        if self.rows.observation_rows is not None:
+            observed = np.zeros((len(self.rows.observation_rows), 3, count))
+            for each in self.measured:
+                if each.sensor is None:
+                    own = each.change[:, :, None] * late(each.model)[each.epoch, None]
+                    observed[each.rows, : own.shape[1]] = own
+        return self.rows.seen_by(errors, observed, count)
 
     def _place_columns(self, made: list[_WhitenedShift]) -> Columns:
-        nothing = self.rows.nothing(made[0].shift.shape[2])
+        rows, count = self.rows, made[0].shift.shape[2]
+        by_sensor = {each.sensor: whitened for each, whitened in made if each.sensor is not None}
+        sensors = tuple(
+            by_sensor[k] if k in by_sensor else np.zeros((*own.shape[:2], count))
+            for k, own in enumerate(rows.sensor_rows)
+        )
+        found = replace(rows.nothing(count, is_measured=False), sensors=sensors, seen=(), is_measured=True)
         for each, whitened in made:
-            if each.sensor is not None:
-                nothing.sensors[each.sensor][:] = whitened
-            elif nothing.observations is not None:
-                nothing.observations[each.rows, : whitened.shape[1]] = whitened
-        return nothing
+            if each.sensor is None and found.observations is not None:
+                found.observations[each.rows, : whitened.shape[1]] = whitened
+        return found
 
     @cached_property
     def slow_changes(self) -> Float[np.ndarray, "r s"] | None:
@@ -420,8 +430,8 @@ def displaced_camera(motion: SmoothedMotion, by: Displacement, camera: KnownCame
     found = motion.rows.seen(states[:, ordering.order])
     for each in motion.measured:  # sensors other than the camera are not displaced with it
         if each.sensor is not None and not _is_of_camera(each):
-            found.sensors[each.sensor][:] = 0.0
-    return replace(found, is_measured=True)
+            found.seen[each.sensor].errors[:] = 0.0
+    return found
 
 
 def _is_of_camera(each: MeasuredRows) -> bool:
