@@ -24,7 +24,7 @@ def _fields(kind: type, *names: str) -> tuple[tuple[str, type], ...]:
     return tuple((name, kind) for name in names)
 
 
-class _Charts(ctypes.Structure):
+class _ChartsStructure(ctypes.Structure):
     """`Charts` of `linearise.c`."""
 
     _fields_ = (
@@ -34,7 +34,7 @@ class _Charts(ctypes.Structure):
     )
 
 
-class _Steps(ctypes.Structure):
+class _StepsStructure(ctypes.Structure):
     """`Steps` of `linearise.c`."""
 
     _fields_ = (
@@ -57,7 +57,7 @@ class PriorStructure(ctypes.Structure):
 
 
 @dataclass(frozen=True)
-class Structure:
+class KeptStructure:
     """A structure as C reads it, and the arrays that it points to.
 
     Attributes
@@ -70,13 +70,13 @@ class Structure:
     _kept: tuple[Any, ...]
 
     @classmethod
-    def of(cls, structure: ctypes.Structure, *arrays: Any) -> "Structure":
+    def of(cls, structure: ctypes.Structure, *arrays: Any) -> "KeptStructure":
         """The structure, kept together with what it points to."""
         return cls(ctypes.addressof(structure), (structure, *arrays))
 
 
 @lru_cache(maxsize=LAYOUTS)
-def charts_of(layout: StateLayout) -> Structure | None:
+def charts_of(layout: StateLayout) -> KeptStructure | None:
     """Charts of a layout; None where one is not compiled."""
     loops = (layout.differences.loop, layout.resetting.loop)
     if None in loops:
@@ -89,10 +89,10 @@ def charts_of(layout: StateLayout) -> Structure | None:
     )
     arrays = (start, dimension, constant)
     sizes = (layout.mean_dim, layout.error_dim, len(blocks))
-    return Structure.of(_Charts(*loops, *sizes, *map(address, arrays)), *arrays)
+    return KeptStructure.of(_ChartsStructure(*loops, *sizes, *map(address, arrays)), *arrays)
 
 
-class CompiledSteps(NamedTuple):
+class ManySteps(NamedTuple):
     """Steps of a process as C reads them.
 
     Attributes
@@ -101,27 +101,27 @@ class CompiledSteps(NamedTuple):
         Columns of a step's noise factor.
     """
 
-    charts: Structure
-    steps: Structure
+    charts: KeptStructure
+    steps: KeptStructure
     noise_dim: int
 
 
-def compiled_steps(process: ProcessModel) -> CompiledSteps | None:
+def many_steps(process: ProcessModel) -> ManySteps | None:
     """Steps of a process; None where something of them is not compiled."""
     found = process.steps_scan()
-    return None if found is None else _compiled_steps(process.layout, found)
+    return None if found is None else _many_steps(process.layout, found)
 
 
 @lru_cache(maxsize=LAYOUTS)
-def _compiled_steps(layout: StateLayout, found: StepsScan) -> CompiledSteps | None:
+def _many_steps(layout: StateLayout, found: StepsScan) -> ManySteps | None:
     charts = charts_of(layout)
     if charts is None:
         return None
     numbers = (ctypes.c_void_p * len(found.numbers))(*map(address, found.numbers))
-    structure = _Steps(
+    structure = _StepsStructure(
         found.scan,
         *(found.error_dim, found.noise_dim, len(found.limits), found.fewest, found.rate),
         *(address(found.limits), ctypes.addressof(numbers), address(found.densities)),
         *(found.tolerance, found.alike, found.smallest_turn),
     )
-    return CompiledSteps(charts, Structure.of(structure, found, numbers), found.noise_dim)
+    return ManySteps(charts, KeptStructure.of(structure, found, numbers), found.noise_dim)

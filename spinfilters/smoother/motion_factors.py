@@ -16,7 +16,7 @@ from spinfilters.filters.timeline import Timeline, by_sensor, times_of
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import LinearisedSteps
 from spinfilters.smoother.kernels import kernels
-from spinfilters.smoother.linearisation_kernels import compiled_steps
+from spinfilters.smoother.linearisation_kernels import many_steps
 from spinfilters.smoother.priors import StatePrior, VariableOrdering
 
 
@@ -300,7 +300,7 @@ class EpochFactors:
     def _dynamics_in_c(self, trajectory: Float[np.ndarray, "k m"]) -> InformationBlocks | None:
         """`dynamics` in one call; None where there is none, or where the steps must be taken in groups."""
         library = kernels()
-        compiled = None if library is None or self.driven is not None else compiled_steps(self.process)
+        compiled = None if library is None or self.driven is not None else many_steps(self.process)
         if library is None or compiled is None:
             return None
         ordering, places = self.ordering, self.process.layout.constant_indices
