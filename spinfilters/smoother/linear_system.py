@@ -128,7 +128,8 @@ class SchurSolution(NamedTuple):
 
 def solve_normal_equations(
     ordering: VariableOrdering,
-    blocks: tuple[InformationBlocks, InformationBlocks],
+    sensors: InformationBlocks,
+    dynamics: InformationBlocks,
     eliminated: Eliminated | None,
     marginal_prior: LinearizedPrior | None,
     damping: float = 0.0,
@@ -139,14 +140,14 @@ def solve_normal_equations(
     """
     library = kernels()
     if library is None:
-        system = assembled(ordering, blocks, eliminated)
+        system = assembled(ordering, (sensors, dynamics), eliminated)
         return solve_schur_system(ordering, system, marginal_prior, damping)
     K, (p, v, c) = ordering.epochs, _sizes(ordering)
     system = _empty_system(ordering, eliminated)
     M, (D, E, G) = system.M, system.tridiagonal
     begin, kept = np.zeros(K, dtype=np.int64), ordering.separator_dim
     gradient, step, back, predicted = np.empty(kept), np.empty(kept), np.empty((K, v)), np.empty(1)
-    alone, steps = (np.ascontiguousarray(part) for part in (blocks[0].epochs, blocks[1].steps))
+    alone, steps = (np.ascontiguousarray(part) for part in (sensors.epochs, dynamics.steps))
     prior = (0, None, None)
     if marginal_prior is not None:
         prior = (marginal_prior.epochs, *map(address, (marginal_prior.gram, marginal_prior.gradient)))

@@ -273,8 +273,8 @@ class Problem:
         steps = here.dynamics
         if stage.inflation != 1.0:
             steps = replace(steps, steps=steps.steps / stage.inflation**2)
-        blocks = (here.sensors, steps)
-        solution = solve_normal_equations(self.ordering, blocks, eliminated, here.marginal_prior, damping)
+        prior = here.marginal_prior
+        solution = solve_normal_equations(self.ordering, here.sensors, steps, eliminated, prior, damping)
         return NormalEquations(stage, eliminated, *solution)
 
 
