@@ -208,7 +208,10 @@ class MultiplicativeEkf(FirstOrderFilter):
 
     def _run_options(self, models: Sequence[MeasurementModel]) -> RunOptions:
         """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""
-        return run_options(self.layout, self._adaptation, self._outliers, models, self._iteration)
+        return run_options(
+            *(self.layout, self._adaptation, self._outliers, models, self._iteration),
+            curvature=self._curvature,
+        )
 
     def correct_by_landmarks(
         self, observations: MapObservations, outliers: SensorOutlierRejection

@@ -417,8 +417,6 @@ class MultiplicativeFilter(Estimator):
         count = min(len(epochs.dt), self._adaptation.constant_predictions(names))
         if self._held is not None or not count:
             return 0
-        self.factor = self._curvature.widened(self.process, self.mean, self.factor, float(epochs.dt[0]))
-        count = min(count, self._curvature.steps_in_stretch(epochs.dt))
         parts = tuple(
             replace(part, first=part.first[:count], end=part.end[:count]) for part in epochs.sensors
         )
@@ -426,7 +424,6 @@ class MultiplicativeFilter(Estimator):
         if done:
             self.mean, self.factor = rows["mean"][done - 1].copy(), rows["factor"][done - 1].copy()
             self._adaptation.count_predictions(done)
-            self._curvature.pass_steps(epochs.dt[:done])
             for part, guard in zip(parts, map(self._outliers.of, names), strict=True):
                 measured = np.flatnonzero(part.end[:done] > part.first[:done])
                 if not measured.size:
