@@ -1,4 +1,4 @@
-"""Loops of the smoother in C, `landmarks.c`, `velocities.c` and `roots.c`, or none without a compiler. NumPy does the same then."""
+"""Loops of the smoother in C, those of `SOURCES`, or none without a compiler. NumPy does the same then."""
 
 import ctypes
 from collections.abc import Callable
@@ -10,7 +10,7 @@ import numpy as np
 
 from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
 
-SOURCES = ("kernels.h", "landmarks.c", "velocities.c", "roots.c")
+SOURCES = ("kernels.h", "landmarks.c", "velocities.c", "roots.c", "epoch_rows.c")
 _SIGNATURES = {
     "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppp", ctypes.c_int),
     "follow_poses": Signature("i" + "pppppppp", None),
@@ -21,6 +21,9 @@ _SIGNATURES = {
     "solve_velocities": Signature("iiiiii" + "pppppp", None),
     "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
     "root_of_rows": Signature("ii" + "p", ctypes.c_longlong),
+    "weigh_rows": Signature("ipii" + "pppppp", None),
+    "row_products": Signature("ipi" + "pp", None),
+    "row_variances": Signature("ipi" + "ppp", None),
 }
 """Arguments of each loop (integers, numbers, addresses of contiguous arrays) and what it returns."""
 
