@@ -355,6 +355,11 @@ def has_wide_vectors() -> bool:
     return "avx512f" in processor().split()
 
 
+def has_fused_products() -> bool:
+    """Whether this processor multiplies and adds vectors of 256 bits in one instruction, as far as the system says."""
+    return "fma" in processor().split() or platform.machine() not in {"x86_64", "AMD64"}
+
+
 VECTOR_WIDTHS: Final = (4, 8)
 """Numbers of 64 bits in vectors of 256 and 512 bits, for which loops are written."""
 

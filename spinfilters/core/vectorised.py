@@ -436,6 +436,11 @@ class VectorisedScan(_GeneratedLoop):
         same = (None,) * len(arguments)
         return _run(self._library, arguments, same, [(count, made) for made in self._made], each)
 
+    @property
+    def output_widths(self) -> list[int]:
+        """Numbers of each output of an item."""
+        return self._made
+
     def bound(
         self, arguments: Sequence[np.ndarray], results: Sequence[np.ndarray], each: np.ndarray
     ) -> Callable[[], None] | None:

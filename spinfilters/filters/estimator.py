@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.filters.square_root import triangular_factor
+from spinfilters.models.batched_linearisation import StepsScan
 from spinfilters.models.gauge import GAUGE_DIM, gauge_of_points, moved_points, state_in_g
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import (
@@ -184,6 +185,10 @@ class ProcessModel(Protocol):
     @property
     def linearised_scan(self) -> LinearisedScan | None:
         """`linearise` of many points side by side; None where there is none."""
+        ...
+
+    def steps_scan(self) -> StepsScan | None:
+        """Compiled scan of `linearise_steps`; None where there is none."""
         ...
 
     def step_loops(self) -> StepLoops | None:

@@ -31,6 +31,7 @@ from spinfilters.models.rotation_integrator import (
     rotation_difference,
     rotation_parameters,
     substep_numbers,
+    turn_limits,
 )
 from spinfilters.models.state_layout import StateLayout
 
@@ -65,6 +66,46 @@ class StepBatch:
         return StepBatch(
             self.here[rows], self.there[rows], self.about[rows], self.dt[rows], self.speeds[rows]
         )
+
+
+@dataclass(frozen=True, eq=False)
+class StepsScan:
+    """Compiled scan of linearised steps, for other compiled code to call.
+
+    Its arguments are points here, points there, points about, dt, the length of a substep, and the densities of white noise; its
+    results the errors of integration, defects, transitions and noise factors, these row by row.
+
+    Attributes
+    ----------
+    scan : int
+        Its address.
+    error_dim, noise_dim : int
+        Components of the error of integration, and columns of the noise factor.
+    limits : Float[np.ndarray, ' c']
+        Largest turn of a step (rad) that ``fewest``, twice and four times as many substeps take.
+    numbers : tuple[np.ndarray, ...]
+        `substep_numbers` of each of these.
+    rate : int
+        Place of the body rate in a point.
+    tolerance : float
+        Bound on every component of the error of integration.
+    alike, smallest_turn : float
+        Ratio of turns whose steps are integrated side by side, and the turn below which they do not differ.
+    densities : Float[np.ndarray, ' p']
+        Of the white noise.
+    """
+
+    scan: int
+    error_dim: int
+    noise_dim: int
+    limits: Float[np.ndarray, " c"]
+    numbers: tuple[Float[np.ndarray, "_ 2"], ...]
+    fewest: int
+    rate: int
+    tolerance: float
+    alike: float
+    smallest_turn: float
+    densities: Float[np.ndarray, " p"]
 
 
 class BatchedLinearisation:
@@ -110,6 +151,18 @@ class BatchedLinearisation:
                     steps.chosen(rows), densities
                 )
         return LinearisedSteps(defect, transition, noise)
+
+    def steps_scan(self, densities: Float[np.ndarray, " p"]) -> StepsScan | None:
+        """The scan of `linearise`; None where it is not compiled."""
+        scan, limits = self._scan.loop, turn_limits(self._integrator.tolerance)
+        if scan is None:
+            return None
+        return StepsScan(
+            scan,
+            *(self._scan.output_widths[0], self._integrator.noise_dim, np.array(list(limits.values()))),
+            *(tuple(map(substep_numbers, limits)), FEWEST, self._layout.mean_slice("w").start),
+            *(self._integrator.tolerance, ALIKE, SMALLEST_TURN, densities),
+        )
 
     def _linearise_evenly(self, steps: "StepBatch", densities: Float[np.ndarray, " p"]) -> LinearisedSteps:
         """`linearise` with as many substeps for all as the longest turn needs."""

@@ -52,7 +52,7 @@ def gauge_directions(
     layout: StateLayout, x: Float[np.ndarray, "*batch m"]
 ) -> Float[np.ndarray, "*batch n 6"]:
     """Errors of the state at ``x`` per unit of (theta, rho)."""
-    return _directions(layout)(x)[0]
+    return gauge_function(layout)(x)[0]
 
 
 def gauge_of_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "l 6"]:
@@ -87,7 +87,8 @@ def moved_points(points: Float[np.ndarray, "k 3"], move: Float[np.ndarray, " 6"]
 
 @cache
 @building()
-def _directions(layout: StateLayout) -> Compiled:
+def gauge_function(layout: StateLayout) -> Compiled:
+    """`gauge_directions` as a compiled function."""
     x, move = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("move", GAUGE_DIM)
     error = layout.near_local_expression(x, gauge_move(layout, x, move))
     return Compiled(ca.Function("gauge_directions", [x], [error_derivative(error, move)], ["x"], ["N"]))

@@ -31,7 +31,7 @@ from spinfilters.core.mass_distribution import inertia
 from spinfilters.core.vectorised import VectorisedScan
 from spinfilters.core.working_time import building, built_property
 from spinfilters.io.disturbances import DENSITIES, DISTURBANCES, noise_columns
-from spinfilters.models.batched_linearisation import BatchedLinearisation
+from spinfilters.models.batched_linearisation import BatchedLinearisation, StepsScan
 from spinfilters.models.rotation_integrator import (
     FEWEST_TOGETHER,
     MAX_SUBSTEPS,
@@ -389,6 +389,16 @@ class TorqueFreeProcess:
         """`linearise` of many points side by side, for other compiled code to call."""
         return self._integrator.linearised_scan
 
+    def steps_scan(self) -> StepsScan | None:
+        """Compiled scan of `linearise_steps`.
+
+        Returns
+        -------
+        StepsScan or None
+            None without compiled code.
+        """
+        return _steps_scan(self._many, self.noise)
+
     def step_loops(self) -> StepLoops | None:
         """Compiled loops of `step` for many points.
 
@@ -479,13 +489,17 @@ class TorqueFreeProcess:
     @property
     def _densities(self) -> Float[np.ndarray, " p"]:
         """In the order of the table, as ``densities`` of `RotationIntegrator.linearise`."""
-        return np.array(list(self.noise.densities.values()))
+        return _in_order_of_table(self.noise)
 
     @property
     def _disturbed_densities(self) -> Float[np.ndarray, " b"]:
         """Density of each component of the impulses."""
         psd, columns = self.noise.densities, self.impulse_columns.items()
         return np.concatenate([np.full(at.stop - at.start, psd[_NAMED[name].option]) for name, at in columns])
+
+
+def _in_order_of_table(noise: ProcessNoise) -> Float[np.ndarray, " p"]:
+    return np.array(list(noise.densities.values()))
 
 
 _NAMED = {each.name: each for each in DISTURBANCES}
@@ -662,3 +676,9 @@ def _integrators(
     """Compiled steps of a layout, cached because building them is slow."""
     integrator = RotationIntegrator(layout, body_acceleration, tolerance)
     return integrator, BatchedLinearisation(layout, integrator), DisturbedSteps(layout, integrator)
+
+
+@lru_cache(maxsize=64)
+def _steps_scan(many: BatchedLinearisation, noise: ProcessNoise) -> StepsScan | None:
+    """Scan of linearised steps under disturbances; the same object for the same, for its address does not pickle."""
+    return many.steps_scan(_in_order_of_table(noise))

@@ -471,7 +471,7 @@ class RotationIntegrator:
             raise InputError(f"integration tolerance is {tolerance}; give a positive number such as 1e-9")
         self.expressions = RotationSubsteps(layout, acceleration)
         self._layout = layout
-        self._tolerance = tolerance
+        self.tolerance = tolerance
         self._rate = layout.mean_slice("w")
         self._stepper = lru_cache(maxsize=None)(self._build_step)
         self._linearisers: dict[int, Compiled] = {}
@@ -539,11 +539,11 @@ class RotationIntegrator:
             after, error = self._steps_together(x, dt, count)
         else:
             after, error = self._stepper(count)(x, dt[:, None])
-        if float(error.max(initial=0.0)) <= self._tolerance:
+        if float(error.max(initial=0.0)) <= self.tolerance:
             return after
         worst = np.zeros(of_interval.max() + 1)
         np.maximum.at(worst, of_interval, error.reshape(len(x), -1).max(axis=1))
-        is_coarse = (worst > self._tolerance) & np.isfinite(worst)
+        is_coarse = (worst > self.tolerance) & np.isfinite(worst)
         if is_coarse.any() and not self.good(worst[is_coarse], count):
             rows = np.flatnonzero(is_coarse[of_interval])
             after[rows] = self._step_intervals(x[rows], dt[rows], of_interval[rows], 2 * count)
@@ -620,22 +620,22 @@ class RotationIntegrator:
         turn = speed * dt
         if not np.isfinite(turn):
             return FEWEST  # no step count helps: the caller sees that the result is not finite
-        count = substeps(turn, self._tolerance)
+        count = substeps(turn, self.tolerance)
         if count > MAX_SUBSTEPS:
             raise IntegrationError(
                 f"a step of {dt:.6g} s turns the body by {turn:.3g} rad, which {MAX_SUBSTEPS} substeps do not resolve to "
-                f"{self._tolerance:.3g}"
+                f"{self.tolerance:.3g}"
             )
         return count
 
     def good(self, error: np.ndarray, count: int) -> bool:
         """Whether the tolerance is met, or the result is not finite."""
         worst = float(error.max()) if error.size else 0.0
-        if worst <= self._tolerance or not np.isfinite(worst):
+        if worst <= self.tolerance or not np.isfinite(worst):
             return True
         if count >= MAX_SUBSTEPS:
             raise IntegrationError(
-                f"{count} substeps of a step leave an error of {worst:.3g}, the tolerance is {self._tolerance:.3g}"
+                f"{count} substeps of a step leave an error of {worst:.3g}, the tolerance is {self.tolerance:.3g}"
             )
         return False
 
@@ -643,7 +643,7 @@ class RotationIntegrator:
         """`count_at` of many points, each at its own rate (rad/s) and time step (s)."""
         if not (np.isfinite(dt) & (dt > 0)).all():
             raise InputError("time steps must be positive and finite")
-        limits = turn_limits(self._tolerance)
+        limits = turn_limits(self.tolerance)
         with np.errstate(over="ignore"):
             place = np.searchsorted(list(limits.values()), speed * dt)  # of what is no number the last
         counts = np.array([*limits, 0])[place]
@@ -654,7 +654,7 @@ class RotationIntegrator:
     def are_good(self, error: Float[np.ndarray, "k e"], count: int) -> Bool[np.ndarray, " k"]:
         """`good` of many points by the errors of each."""
         worst = error.max(axis=1, initial=0.0)
-        good = (worst <= self._tolerance) | ~np.isfinite(worst)
+        good = (worst <= self.tolerance) | ~np.isfinite(worst)
         if not good.all():
             self.good(worst[~good], count)  # raises at the most substeps
         return good
@@ -698,13 +698,13 @@ class RotationIntegrator:
         built = {count: each for count, each in self._linearisers.items() if each.loop is not None}
         if not built:
             return None
-        limits = turn_limits(self._tolerance)
+        limits = turn_limits(self.tolerance)
         loops = [built[count].loop or 0 if count in built else 0 for count in limits]
         shapes = next(iter(built.values())).output_shapes
         turns_of_loops = np.array(list(limits.values()))
         error_dim, noise_dim = math.prod(shapes[1]), shapes[3][1]
         return LinearisedLoops(
-            turns_of_loops, np.array(loops), error_dim, noise_dim, self._tolerance, densities
+            turns_of_loops, np.array(loops), error_dim, noise_dim, self.tolerance, densities
         )
 
 

@@ -395,6 +395,11 @@ class StateLayout:
         return self._retract
 
     @property
+    def differences(self) -> Compiled:
+        """`local` as a compiled function."""
+        return self._local
+
+    @property
     def many_retractions(self) -> Vectorised:
         """`retract_each`, for other compiled code to call."""
         return _retract_lanes(self)

@@ -8,9 +8,19 @@ from importlib.resources import files
 
 import numpy as np
 
-from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
+from spinfilters.core.c_library import (
+    KERNEL_FLAGS,
+    LANES,
+    Signature,
+    has_fused_products,
+    load_text,
+    with_signatures,
+)
 
-SOURCES = ("kernels.h", "landmarks.c", "velocities.c", "roots.c", "epoch_rows.c")
+SOURCES = (
+    *("kernels.h", "landmarks.c", "velocities.c", "roots.c"),
+    *("epoch_rows.c", "linearise.c", "solve.c"),
+)
 _SIGNATURES = {
     "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppp", ctypes.c_int),
     "follow_poses": Signature("i" + "pppppppp", None),
@@ -24,6 +34,9 @@ _SIGNATURES = {
     "weigh_rows": Signature("ipii" + "pppppp", None),
     "row_products": Signature("ipi" + "pp", None),
     "row_variances": Signature("ipi" + "ppp", None),
+    "linearise_steps": Signature("ppi" + "ppp" + "ip" + "iipp" + "d" + "ppppp", ctypes.c_double),
+    "linearise_prior": Signature("ppp" + "ppp", ctypes.c_double),
+    "solve_window": Signature("iiii" + "pipp" + "ipp" + "ddp" + "ppppp" + "pppp", ctypes.c_longlong),
 }
 """Arguments of each loop (integers, numbers, addresses of contiguous arrays) and what it returns."""
 
@@ -34,6 +47,12 @@ def kernels() -> ctypes.PyDLL | None:
     folder = files("spinfilters.smoother")
     text = f"enum {{ LANES = {LANES} }};\n" + "".join(folder.joinpath(name).read_text() for name in SOURCES)
     return with_signatures(load_text("smoother_kernels", text, KERNEL_FLAGS), _SIGNATURES)
+
+
+@cache
+def potrf_address() -> int | None:
+    """SciPy's own LAPACK dpotrf for machines on which `root_of_rows` is slower; None on others."""
+    return None if has_fused_products() else scipy_address("scipy.linalg.cython_lapack", "dpotrf")
 
 
 def take_products(rows: np.ndarray, matrix: np.ndarray) -> None:
@@ -53,9 +72,14 @@ _MINUS, _ONE = (ctypes.byref(ctypes.c_double(number)) for number in (-1.0, 1.0))
 @cache
 def _dsyrk() -> Callable[..., None]:
     """SciPy's own BLAS, which takes parts of matrices as they lie."""
-    capsule = import_module("scipy.linalg.cython_blas").__pyx_capi__["dsyrk"]
+    signature = ctypes.PYFUNCTYPE(None, *[ctypes.c_char_p] * 2, *[ctypes.c_void_p] * 8)
+    return signature(scipy_address("scipy.linalg.cython_blas", "dsyrk"))
+
+
+def scipy_address(module: str, function: str) -> int:
+    """Address of a function that SciPy gives to other compiled code."""
+    capsule = import_module(module).__pyx_capi__[function]
     name, place = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
     name.restype, name.argtypes = ctypes.c_char_p, [ctypes.py_object]
     place.restype, place.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    signature = ctypes.PYFUNCTYPE(None, *[ctypes.c_char_p] * 2, *[ctypes.c_void_p] * 8)
-    return signature(place(capsule, name(capsule)))
+    return place(capsule, name(capsule))

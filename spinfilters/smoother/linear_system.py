@@ -16,11 +16,12 @@ from spinfilters.filters.square_root import triangular_factor
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
 from spinfilters.smoother.elimination import (
+    FADED,
     Eliminated,
     VelocityElimination,
     eliminate_velocities,
 )
-from spinfilters.smoother.kernels import kernels
+from spinfilters.smoother.kernels import kernels, potrf_address
 from spinfilters.smoother.motion_factors import NOTHING, STRETCH, EpochFactors, InformationBlocks
 from spinfilters.smoother.priors import LinearizedPrior, VariableOrdering
 
@@ -44,10 +45,13 @@ class LinearSystem:
     tridiagonal: Blocks
 
     @classmethod
-    def empty(cls, ordering: VariableOrdering, G: Float[np.ndarray, "k v w"]) -> "LinearSystem":
-        """A system without any information; G is zero."""
+    def empty(
+        cls, G: Float[np.ndarray, "k v w"], M: Float[np.ndarray, "w r"] | None = None
+    ) -> "LinearSystem":
+        """A system without any information but that in M, where it is given; G is zero."""
         K, v, width = G.shape
-        return cls(np.zeros((width, width - 1)), (np.zeros((K, v, v)), np.zeros((max(K - 1, 0), v, v)), G))
+        M = np.zeros((width, width - 1)) if M is None else M
+        return cls(M, (np.zeros((K, v, v)), np.zeros((max(K - 1, 0), v, v)), G))
 
     def copy(self) -> "LinearSystem":
         """A copy in arrays of its own: solving overwrites them."""
@@ -122,6 +126,47 @@ class SchurSolution(NamedTuple):
     unobservable: int = -1
 
 
+def solve_normal_equations(
+    ordering: VariableOrdering,
+    sensors: InformationBlocks,
+    dynamics: InformationBlocks,
+    eliminated: Eliminated | None,
+    marginal_prior: LinearizedPrior | None,
+    damping: float = 0.0,
+) -> SchurSolution:
+    """Assemble and solve the linear problem of motion factors, of epochs alone and of steps, and of eliminated landmarks.
+
+    It is `solve_schur_system` of what is `assembled`, in one call where there is compiled code.
+    """
+    library = kernels()
+    if library is None:
+        system = assembled(ordering, (sensors, dynamics), eliminated)
+        return solve_schur_system(ordering, system, marginal_prior, damping)
+    K, (p, v, c) = ordering.epochs, _sizes(ordering)
+    system = _empty_system(ordering, eliminated)
+    M, (D, E, G) = system.M, system.tridiagonal
+    begin, kept = np.zeros(K, dtype=np.int64), ordering.separator_dim
+    gradient, step, back, predicted = np.empty(kept), np.empty(kept), np.empty((K, v)), np.empty(1)
+    alone, steps = (np.ascontiguousarray(part) for part in (sensors.epochs, dynamics.steps))
+    prior = (0, None, None)
+    if marginal_prior is not None:
+        prior = (marginal_prior.epochs, *map(address, (marginal_prior.gram, marginal_prior.gradient)))
+    failed = library.solve_window(
+        *(K, p, v, c, None if eliminated is None else address(eliminated.pose_gradient)),
+        *(len(alone), address(alone), address(steps) if len(steps) else None, *prior),
+        *(damping, FADED, potrf_address()),
+        *map(address, (M, D, E, G, begin, gradient, step, back, predicted)),
+    )
+    if failed > K:
+        raise MemoryError("no memory to solve the linear problem")
+    if failed:
+        return SchurSolution(None, (failed - 1) * v if failed > 0 else K * v - failed - 1)
+    tridiagonal = VelocityElimination(D, E, G, begin, p, prior[0], -1)
+    return SchurSolution(
+        SchurSystem(ordering, M[:-1], tridiagonal, step, back, gradient, float(predicted[0]))
+    )
+
+
 def solve_schur_system(
     ordering: VariableOrdering,
     system: LinearSystem,
@@ -182,15 +227,19 @@ def assembled(
     ordering: VariableOrdering, blocks: tuple[InformationBlocks, ...], eliminated: Eliminated | None
 ) -> LinearSystem:
     """Linear system of motion factors and eliminated landmarks."""
-    G = pooled_zeros(ordering.epochs, len(ordering.tridiagonal), ordering.separator_dim + 1)
-    system = LinearSystem.empty(ordering, G)
+    system = _empty_system(ordering, eliminated)
     if eliminated is not None:
         size = ordering.epochs * len(ordering.pose)
-        system = LinearSystem(eliminated.information, system.tridiagonal)
         system.M[-1, :size] += eliminated.pose_gradient[:size]
     for part in blocks:
         _add(ordering, system, part)
     return system
+
+
+def _empty_system(ordering: VariableOrdering, eliminated: Eliminated | None) -> LinearSystem:
+    """Linear system without motion factors, in the place of the information that eliminated landmarks left."""
+    G = pooled_zeros(ordering.epochs, len(ordering.tridiagonal), ordering.separator_dim + 1)
+    return LinearSystem.empty(G, None if eliminated is None else eliminated.information)
 
 
 class AssembledMotion(NamedTuple):
@@ -208,7 +257,7 @@ def assembled_by_stretches(motion: EpochFactors, trajectory: Float[np.ndarray, "
     """
     ordering, costs = motion.ordering, np.zeros(2)
     K, v = ordering.epochs, len(ordering.tridiagonal)
-    system = LinearSystem.empty(ordering, np.zeros((K, v, ordering.separator_dim + 1)))
+    system = LinearSystem.empty(np.zeros((K, v, ordering.separator_dim + 1)))
     D, E, G = system.tridiagonal
     for begin in range(0, K, STRETCH):
         end = min(begin + STRETCH, K)
@@ -230,8 +279,12 @@ class BlockSizes(NamedTuple):
     constant: int
 
 
+def _sizes(ordering: VariableOrdering) -> BlockSizes:
+    return BlockSizes(len(ordering.pose), len(ordering.tridiagonal), len(ordering.constant))
+
+
 def _add(ordering: VariableOrdering, system: LinearSystem, blocks: InformationBlocks) -> None:
-    sizes = BlockSizes(len(ordering.pose), len(ordering.tridiagonal), len(ordering.constant))
+    sizes = _sizes(ordering)
     if len(blocks.epochs):
         _add_epochs(system.M, system.tridiagonal, blocks.epochs, sizes)
     if len(blocks.steps):

@@ -16,6 +16,7 @@ from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import LinearisedSteps
 from spinfilters.smoother.epoch_rows import EpochRows, weigh_rows
 from spinfilters.smoother.kernels import kernels
+from spinfilters.smoother.linearisation_kernels import many_steps
 from spinfilters.smoother.priors import StatePrior, VariableOrdering
 
 STRETCH = 2048
@@ -201,6 +202,8 @@ class EpochFactors:
         """Whitened steps from epoch to epoch, linearised about a trajectory whose constants are the same in all epochs."""
         if not len(self.dt):
             return InformationBlocks(NOTHING, NOTHING, 0.0, NOTHING)
+        if (made := self._dynamics_in_c(trajectory)) is not None:
+            return made
         about = None if self.first is None else self._at_first_constants(trajectory[:-1])
         steps = self.process.linearise_steps(trajectory[:-1], trajectory[1:], self.dt, about)
         if about is not None:
@@ -212,6 +215,28 @@ class EpochFactors:
         rows, blocks = whitened_steps(self.ordering, *map(np.ascontiguousarray, steps))
         cost = float(blocks[:, -1, -1].sum())
         return InformationBlocks(NOTHING, blocks, cost, rows, noise=steps[2] if about is None else None)
+
+    def _dynamics_in_c(self, trajectory: Float[np.ndarray, "k m"]) -> InformationBlocks | None:
+        """`dynamics` in one call; None where there is none, or where the steps must be taken in groups."""
+        library = kernels()
+        compiled = None if library is None or self.driven is not None else many_steps(self.process)
+        if library is None or compiled is None:
+            return None
+        ordering, places = self.ordering, self.process.layout.constant_indices
+        j, n, q, d = len(self.dt), ordering.layout.error_dim, compiled.noise_dim, len(ordering.moving)
+        c, at = len(ordering.constant), np.ascontiguousarray(trajectory)
+        width = 2 * d + c + 1
+        defect, transition, noise = np.empty((j, n)), np.empty((j, n, n)), np.empty((j, n, q))
+        rows, blocks = np.empty((j, d, width)), np.empty((j, width, width))
+        cost = library.linearise_steps(
+            *(compiled.charts.address, compiled.steps.address, j + 1, address(self.dt), address(at)),
+            *(None if self.first is None else address(self.first), len(places), address(places)),
+            *(d, c, address(ordering.moving), address(ordering.constant), NOISE_FLOOR),
+            *map(address, (defect, transition, noise, rows, blocks)),
+        )
+        if cost < 0:
+            return None
+        return InformationBlocks(NOTHING, blocks, cost, rows, noise=noise if self.first is None else None)
 
     def _at_first_constants(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
         """Trajectory at the constants of the marginalization prior's first estimates.

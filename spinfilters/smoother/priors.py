@@ -1,5 +1,6 @@
 """Order of the unknowns of a smoothing problem, and its priors: of the first state, and of what was marginalised."""
 
+import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,10 +9,13 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.core.compiled import address
 from spinfilters.core.errors import InputError
-from spinfilters.models.gauge import gauge_directions
+from spinfilters.models.gauge import gauge_directions, gauge_function
 from spinfilters.models.state_blocks import StateBlock
 from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
+from spinfilters.smoother.kernels import kernels
+from spinfilters.smoother.linearisation_kernels import PriorStructure, charts_of
 
 
 class StatePrior(Protocol):
@@ -143,6 +147,16 @@ class VariableOrdering:
             found.append((place, begin + epochs[:, np.newaxis] * apart + np.arange(block.dimension)))
         return found
 
+    @cached_property
+    def curved_places(self) -> tuple[Int[np.ndarray, " b"], Int[np.ndarray, " b"]]:
+        """Of every block of `curved_columns` the first epoch's first column, and how far apart the epochs' columns are."""
+        first = [int(columns[0, 0]) for _, columns in self.curved_columns]
+        apart = [
+            int(columns[1, 0] - columns[0, 0]) if len(columns) > 1 else 0
+            for _, columns in self.curved_columns
+        ]
+        return np.array(first, dtype=np.int64), np.array(apart, dtype=np.int64)
+
     @property
     def separator_dim(self) -> int:
         """Dimension of the separator: all poses, then the constants."""
@@ -213,6 +227,8 @@ class MarginalizationPrior:
     def at(self, trajectory: Float[np.ndarray, "k m"]) -> "LinearizedPrior":
         """Linearised about a trajectory that begins with the F epochs."""
         here = trajectory[: len(self.first)]
+        if (made := self._linearised_in_c(here)) is not None:
+            return made
         errors = self.ordering.layout.local(self.first, here)
         rest = self.right - self.information_sqrt @ column_errors(self.ordering, errors)
         resets = column_resets(self.ordering, errors)
@@ -229,6 +245,27 @@ class MarginalizationPrior:
             gram[:p, :p] += shift.T @ moved
             gradient[:p] += shift.T @ gradient
         return LinearizedPrior(self, gram, gradient, float(rest @ rest) + self.constant_cost)
+
+    def _linearised_in_c(self, here: Float[np.ndarray, "F m"]) -> "LinearizedPrior | None":
+        """`at` in one call; None without compiled code."""
+        library, ordering = kernels(), self.ordering
+        has_poses = len(ordering.pose) > 0
+        charts = None if library is None else charts_of(ordering.layout)
+        loop = gauge_function(ordering.layout).loop if has_poses and charts is not None else 0
+        if library is None or charts is None or loop is None:
+            return None
+        components = (ordering.pose, ordering.constant, ordering.tridiagonal)
+        gram, gradient, here = np.empty_like(self.gram), np.empty_like(self.right), np.ascontiguousarray(here)
+        structure = PriorStructure(
+            *(len(here), *map(len, components), *map(address, (*components, *ordering.curved_places))),
+            *map(address, (self.first, self.information_sqrt, self.right, self.gram)),
+            *(address(self._gauge) if has_poses else None, self.constant_cost),
+        )
+        arrays = map(address, (here, gram, gradient))
+        cost = library.linearise_prior(charts.address, loop, ctypes.addressof(structure), *arrays)
+        if cost < 0:
+            raise MemoryError("no memory to linearise what was marginalized")
+        return LinearizedPrior(self, gram, gradient, cost)
 
     def shift(self, here: Float[np.ndarray, "F m"], resets: Resets) -> Float[np.ndarray, "q p"]:
         """D in R_now = R G^-1 (I + D on the oldest pose's columns), with the reset Jacobians G at ``here``."""

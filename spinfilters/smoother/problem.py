@@ -24,8 +24,8 @@ from spinfilters.smoother.linear_system import (
     LinearSystem,
     Marginals,
     SchurSystem,
-    assembled,
     assembled_by_stretches,
+    solve_normal_equations,
     solve_schur_system,
 )
 from spinfilters.smoother.motion_factors import (
@@ -273,9 +273,8 @@ class Problem:
         steps = here.dynamics
         if stage.inflation != 1.0:
             steps = replace(steps, steps=steps.steps / stage.inflation**2)
-        blocks = (here.sensors, steps)
-        system = assembled(self.ordering, blocks, eliminated)
-        solution = solve_schur_system(self.ordering, system, here.marginal_prior, damping)
+        prior = here.marginal_prior
+        solution = solve_normal_equations(self.ordering, here.sensors, steps, eliminated, prior, damping)
         return NormalEquations(stage, eliminated, *solution)
 
 

@@ -53,6 +53,9 @@ class LinearProcess:
     def linearised_scan(self) -> None:
         """No compiled loops."""
 
+    def steps_scan(self) -> None:
+        """No compiled loops."""
+
     def step_loops(self) -> None:
         """No compiled loops."""
 
