@@ -14,8 +14,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_triangular
 
 from spinfilters.core.linear_algebra import STRETCH
+from spinfilters.smoother.epoch_rows import EpochRows
 from spinfilters.smoother.linear_system import SchurSystem
-from spinfilters.smoother.motion_factors import EpochRows, SensorRows, prior_rows
+from spinfilters.smoother.motion_factors import SensorRows, prior_rows
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
 
 if TYPE_CHECKING:
@@ -294,8 +295,8 @@ class LinearRows:
     @cached_property
     def by_epoch(self) -> tuple[EpochRows, ...]:
         """`sensor_rows` with their epochs."""
-        sensors = self.problem.motion.sensors
-        return tuple(EpochRows(r, s.epoch) for r, s in zip(self.sensor_rows, sensors, strict=True))
+        motion, here = self.problem.motion, self.here
+        return tuple(here.sensor_rows(motion, k).by_epoch for k in range(len(motion.sensors)))
 
     @property
     def counted(self) -> tuple[Bool[np.ndarray, " _"], ...]:
