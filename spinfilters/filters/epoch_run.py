@@ -61,7 +61,7 @@ class _Sensor(ctypes.Structure):
     )
 
 
-class _Points(ctypes.Structure):
+class _ManyPoints(ctypes.Structure):
     """`Points` of `filter_step.c`."""
 
     _fields_ = (
@@ -80,7 +80,7 @@ class _Sigma(ctypes.Structure):
     )
 
 
-class _Curvature(ctypes.Structure):
+class _FlowCurvature(ctypes.Structure):
     """`Curvature` of `filter_step.c`."""
 
     _fields_ = (
@@ -382,9 +382,9 @@ class _FilterPoints(NamedTuple):
     """Points that a filter steps side by side, as C reads them; nothing of a filter without any."""
 
     triangle: int = 0
-    points: _Points | None = None
+    points: _ManyPoints | None = None
     sigma: _Sigma | None = None
-    curvature: _Curvature | None = None
+    curvature: _FlowCurvature | None = None
     kept: tuple[np.ndarray, ...] = ()
 
     @classmethod
@@ -401,7 +401,7 @@ class _FilterPoints(NamedTuple):
         if steps is None or triangle is None or retract is None or local is None:
             return None
         nothing = np.zeros(steps.fewest << limits)
-        points = _Points(
+        points = _ManyPoints(
             *(steps.constant_dim, steps.fewest, retract, local),
             *(steps.constants, steps.substeps, steps.error, address(nothing)),
         )
@@ -424,10 +424,10 @@ class _FilterPoints(NamedTuple):
         of.triangle = self.triangle
 
 
-def _curvature(layout: StateLayout, curvature: FlowCurvature) -> _Curvature:
+def _curvature(layout: StateLayout, curvature: FlowCurvature) -> _FlowCurvature:
     soft = layout.slice(MASS_DISTRIBUTION.name) if layout.has(MASS_DISTRIBUTION) else slice(0, 0)
     limits = (SOFT, LONGEST_STEP, NEGLIGIBLE, LONGEST_PAUSE)
-    return _Curvature(soft.start, soft.stop - soft.start, curvature.turn, *limits)
+    return _FlowCurvature(soft.start, soft.stop - soft.start, curvature.turn, *limits)
 
 
 def _filter(
