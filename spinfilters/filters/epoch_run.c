@@ -239,6 +239,47 @@ static integer update_sigma(const Filter* f, const Sensor* s, integer count, dou
   return used;
 }
 
+/* `MultiplicativeFilter.predict` of a first-order filter from mean x and factor S [size][size], of which the state has the first n
+ * rows and the others do not change with time: to mean, factor, transition [n][n] and noise factor [n][k] after dt. `stretch` of
+ * `widen`, before this step and after it. 0 where it needs more than what is built: then nothing is done. */
+integer predict_belief(const Filter* f, double dt, const double* x, const double* S, integer size, double* stretch, double* mean,
+                       double* after, double* transition, double* noise) {
+  const integer n = f->n, k = f->noise, widening = widening_room(f, size), stepping = step_room(f);
+  if (!(dt > 0) || (size > n && (!f->triangle || size > LARGEST_FACTOR))) return 0;
+  double* room = malloc((size * size + (size + k) * size + (widening > stepping ? widening : stepping)) * sizeof(double));
+  if (!room) return 0;
+  double *wide = room, *rows = wide + size * size, *rest = rows + (size + k) * size, within[] = {stretch[0], stretch[1]};
+  const Step at = parts_of(f, rest);
+  memcpy(wide, S, size * size * sizeof(double));
+  const int done = widen(f, dt, x, wide, size, within, rest) && linearise_step(f, dt, x, &at);
+  if (done) {
+    if (size == n) {
+      f->propagate(wide, at.transition, at.noise, k, after);
+    } else {
+      /* the triangle of [F S1 G; S2 0]', S1 the rows of the state: row j is column j of that */
+      memset(rows, 0, (size + k) * size * sizeof(double));
+      for (integer i = 0; i < n; ++i) {
+        for (integer r = 0; r < n; ++r) {
+          const double phi = at.transition[i * n + r];
+          if (phi != 0)
+            for (integer j = 0; j < size; ++j) rows[j * size + i] += phi * wide[r * size + j];
+        }
+        for (integer b = 0; b < k; ++b) rows[(size + b) * size + i] = at.noise[i * k + b];
+      }
+      for (integer i = n; i < size; ++i)
+        for (integer j = 0; j < size; ++j) rows[j * size + i] = wide[i * size + j];
+      f->triangle(rows, size + k, size, size, 1, after);
+    }
+    memcpy(mean, at.after, f->point * sizeof(double));
+    memcpy(transition, at.transition, n * n * sizeof(double));
+    memcpy(noise, at.noise, n * k * sizeof(double));
+    stretch[0] = within[0] - dt;
+    stretch[1] = within[1];
+  }
+  free(room);
+  return done;
+}
+
 /* Values of a sensor's latest measurement. */
 typedef struct {
   const double* values;

@@ -30,7 +30,7 @@ from spinfilters.filters.flow_curvature import LONGEST_PAUSE, LONGEST_STEP, NEGL
 from spinfilters.filters.iterated_update import SAMPLE as LINEAR_SAMPLE
 from spinfilters.filters.iterated_update import SMALLEST_RANGE, IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPoints
-from spinfilters.filters.noise_levels import NoiseAdaptation
+from spinfilters.filters.noise_levels import NoiseAdaptation, PredictedMotion
 from spinfilters.filters.outlier_rejection import AGREEING_SHARE, FEWEST_DUPLICATES, OutlierRejection
 from spinfilters.filters.outlier_rejection import SAMPLE as DUPLICATE_SAMPLE
 from spinfilters.filters.square_root import LARGEST_TRIANGLE, covariance_factor_address
@@ -42,6 +42,7 @@ from spinfilters.models.state_layout import StateLayout
 _SIGNATURES: Final = {
     "take_in": Signature("pip" + "ip" + "pp" + "iipp", ctypes.c_longlong),
     "spread": Signature("pdpp" + "pppp", ctypes.c_longlong),
+    "predict_belief": Signature("pdppip" + "pppp", ctypes.c_longlong),
 }
 ROWS: Final = ("mean", "factor", "nis", "log_likelihood", *COUNTS)
 
@@ -173,7 +174,7 @@ def run_options(
         SensorLevel(noise.measurement_scale(model.name), guard.limit(model.dim), guard.epochs.values)
         for model, guard in zip(models, guards, strict=True)
     )
-    scales = noise.scaled(layout, np.ones((1, MOST_NOISE)))[0]
+    scales = noise.column_scales(layout)
     return RunOptions(scales, levels, iteration or IterationOptions(1), points, curvature)
 
 
@@ -271,6 +272,62 @@ class EpochCall(NamedTuple):
         widths = [part.every.model.dim * (len(part.every.model.columns) + 1) + 2 for part in epochs.sensors]
         kept = (given, loops, updates, scales, points)
         return cls(library, chosen, (_Sensor * len(sensors))(*sensors), most, max(widths), kept)
+
+
+class CompiledPrediction:
+    """Predictions of a first-order filter, each in one call."""
+
+    def __init__(
+        self, process: ProcessModel, library: ctypes.PyDLL, loops: LinearisedLoops, points: "_FilterPoints"
+    ) -> None:
+        propagation, n = compiled_propagation(process.layout.error_dim), process.layout.error_dim
+        self._predict, self._shapes = (
+            library.predict_belief,
+            ((process.layout.mean_dim,), (n, n), (n, loops.noise_dim)),
+        )
+        self._scales = np.ones(MOST_NOISE)
+        address_of = 0 if propagation is None else propagation.address
+        self._filter = _filter(process.layout, loops, self._scales, IterationOptions(1), address_of)
+        points.add_to(self._filter)
+        self._address, self._kept = ctypes.addressof(self._filter), (points, loops, propagation)
+
+    @classmethod
+    def of(cls, process: ProcessModel, curvature: FlowCurvature) -> "CompiledPrediction | None":
+        """For steps like those that were linearised so far; None where something compiled is missing."""
+        library, loops = _library(), process.linearised_loops()
+        if library is None or loops is None or loops.noise_dim > MOST_NOISE:
+            return None
+        points = _FilterPoints.of(process, len(loops.loops), None, curvature)
+        if points is None or compiled_propagation(process.layout.error_dim) is None:
+            return None
+        return cls(process, library, loops, points)
+
+    def __call__(
+        self,
+        mean: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        dt: float,
+        scales: Float[np.ndarray, " k"],
+        curvature: FlowCurvature,
+    ) -> PredictedMotion | None:
+        """The belief after dt; None where the step needs more than is built.
+
+        Parameters
+        ----------
+        scales : ndarray of float, shape (k,)
+            Factors of the columns of the noise factor.
+        curvature : FlowCurvature
+            Of the filter; it notes the step.
+        """
+        point, square, wide = self._shapes
+        made = PredictedMotion(np.empty(point), np.empty(factor.shape), np.empty(square), np.empty(wide))
+        x, S, stretch = np.ascontiguousarray(mean), np.ascontiguousarray(factor), curvature.stretch_left()
+        self._scales[: len(scales)] = scales
+        places = [address(array) for array in (x, S, stretch, *made)]
+        if not self._predict(self._address, dt, *places[:2], len(S), *places[2:]):
+            return None
+        curvature.go_on(stretch)
+        return made
 
 
 class CompiledSpread:
@@ -394,9 +451,10 @@ class _FilterPoints(NamedTuple):
         """Of an unscented filter, or one whose beliefs are widened; None where something compiled is missing."""
         if curvature is not None and not curvature.widens:
             curvature = None
+        triangle = covariance_factor_address()
         if sigma is None and curvature is None:
-            return cls()
-        layout, steps, triangle = process.layout, process.step_loops(), covariance_factor_address()
+            return cls(triangle or 0)
+        layout, steps = process.layout, process.step_loops()
         retract, local = layout.many_retractions.loop, layout.many_differences.loop
         if steps is None or triangle is None or retract is None or local is None:
             return None

@@ -236,13 +236,28 @@ class MultiplicativeFilter(Estimator):
         """
         self._outliers.pass_time()
         self._adaptation.observe_motion(self.layout, self.mean, self.factor[: self._n])
+        predicted = self.predict_belief(dt)
+        self.mean, self.factor = predicted.mean, predicted.factor
+        self._adaptation.expect_motion(self.layout, predicted)
+
+    def predict_belief(self, dt: float) -> PredictedMotion:
+        """The belief after ``dt`` seconds, with its transition and noise.
+
+        Parameters
+        ----------
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        PredictedMotion
+            Mean, covariance factor, transition and scaled noise factor.
+        """
         self.factor = self._curvature.widened(self.process, self.mean, self.factor, dt)
         step = self.linearise_process(dt)  # EKF: derivatives at the mean; UKF: regression over sigma points
         noise = self._adaptation.scaled(self.layout, step.noise)
-        self.mean, self.factor = step.mean, propagate_factor(self.factor, step, noise)
-        predicted = PredictedMotion(self.mean, self.factor, step.transition, noise)
-        self._adaptation.expect_motion(self.layout, predicted)
-        self._curvature.pass_steps(np.array([dt]))
+        self._curvature.pass_step(dt)
+        return PredictedMotion(step.mean, propagate_factor(self.factor, step, noise), step.transition, noise)
 
     def update(self, measurement: Measurement) -> UpdateReport:
         """Correct mean and covariance by one sensor's values; values that only repeat those of the last epoch count as rejected.

@@ -114,6 +114,10 @@ class FlowCurvature:
         if len(dt):
             self._left = float(self._left_after(dt)[-1])
 
+    def pass_step(self, dt: float) -> None:
+        """Note that a step was made, of this duration."""
+        self._left -= dt
+
     def _left_after(self, dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Seconds left of the stretch after each step, to the bits of one after the other."""
         return np.subtract.accumulate(np.concatenate([[self._left], dt]))[1:]
