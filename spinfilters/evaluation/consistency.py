@@ -18,7 +18,6 @@ from spinfilters.core.conventions import PerRun
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import (
     by_stretches,
-    normalised_square,
     normalised_squares_of,
     normalised_trace,
     regular_factors,
@@ -26,6 +25,7 @@ from spinfilters.core.linear_algebra import (
 from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.evaluation.trajectory_errors import common_stamps, rows_within
 from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.normalised_squares import normalised_squares
 from spinfilters.io.truth import BODY_KEYS, TRAJECTORY_FIELDS, Truth, truth_in_moved_frame
 from spinfilters.models.state_blocks import BLOCKS, MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.models.state_layout import StateLayout
@@ -213,18 +213,18 @@ def rotation_nees(history: EstimateHistory, truth: Truth) -> NormalisedErrors | 
     rows, true_rows = _comparable_epochs(history, truth)
     if not len(rows):
         return None
-    components = np.arange(layout.error_dim)
-    columns = {block: components[layout.slice(block)] for block in (RATE.name, MASS_DISTRIBUTION.name)}
-    both = np.concatenate(list(columns.values()))
+    names, components = (RATE.name, MASS_DISTRIBUTION.name), np.arange(layout.error_dim)
+    rate, mass = (components[layout.slice(name)] for name in names)
+    both, count = np.concatenate([rate, mass]), len(rate) + len(mass)
+    parts = [slice(0, count), slice(0, len(rate)), slice(len(rate), count)]
 
     def derive(part: slice) -> dict[str, np.ndarray]:
         """NEES of a stretch of epochs."""
-        factor = history.factor[rows[part]]
-        away = layout.local(history.mean[rows[part]], true_states(truth, layout, true_rows[part]))
-        return {
-            name: normalised_square(away[:, at], factor[:, at])
-            for name, at in {"total": both, **columns}.items()
-        }
+        own = _as_slice(rows[part])
+        truly = true_states(truth, layout, _as_slice(true_rows[part]))
+        away = layout.local_pairs(history.mean[own], truly)
+        squares = normalised_squares(away[:, both], history.factor[own][:, both], parts)
+        return dict(zip(("total", *names), squares.T, strict=True))
 
     squares = by_stretches(len(rows), derive, history.factor)
     return NormalisedErrors(history.time[rows], squares.pop("total"), len(both), squares)
