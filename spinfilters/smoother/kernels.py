@@ -19,7 +19,7 @@ from spinfilters.core.c_library import (
 
 SOURCES = ("kernels.h", "landmarks.c", "velocities.c", "roots.c", "linearise.c", "solve.c")
 _SIGNATURES = {
-    "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppp", ctypes.c_int),
+    "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppppp", ctypes.c_int),
     "follow_poses": Signature("i" + "pppppppp", None),
     "step_rows": Signature("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
     "add_information_blocks": Signature("iiiiii" + "ppppp", None),
@@ -29,6 +29,8 @@ _SIGNATURES = {
     "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
     "root_of_rows": Signature("ii" + "p", ctypes.c_longlong),
     "linearise_steps": Signature("ppi" + "ppp" + "ip" + "iipp" + "d" + "ppppp", ctypes.c_double),
+    "linearise_observations": Signature("pi" + "pppppp" + "iii" + "d" + "ppp", None),
+    "linearise_first": Signature("pppppp", ctypes.c_double),
     "linearise_prior": Signature("ppp" + "ppp", ctypes.c_double),
     "solve_window": Signature("iiii" + "pipp" + "ipp" + "ddp" + "ppppp" + "pppp", ctypes.c_longlong),
 }

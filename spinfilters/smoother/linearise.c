@@ -6,6 +6,25 @@ typedef int Loop(integer count, const double* const* from, const integer* stride
 typedef void Scan(integer count, const double* const* from, const integer* width, const integer* const* rows, double* const* to,
                   integer turns, const double* each);
 
+/* The loop of a `Vectorised` function, whose item i takes row rows[k][i] of argument k, or row i where there are none. */
+typedef void Lanes(integer count, const double* const* from, const integer* width, const integer* const* rows, double* const* to);
+
+/* Observations of one sensor at the points [.][m] of their epochs and their landmarks [.][3]: rows [count][3][10], and squares of
+ * their innovations, infinite where the model does not apply. room holds two numbers an observation. */
+void linearise_observations(Lanes* lanes, integer count, const double* trajectory, const double* points, const double* parameters,
+                            const double* values, const integer* epoch, const integer* landmark, integer m, integer p, integer z,
+                            double scale, double* rows, double* square, double* room) {
+  const double *from[] = {trajectory, points, parameters, values}, *valid = room;
+  const integer width[] = {m, 3, p, z}, *const taken[] = {epoch, landmark, 0, 0};
+  double* const to[] = {rows, room, square, room + count};
+  lanes(count, from, width, taken, to);
+  for (integer i = 0; i < count; ++i)
+    if (!(valid[i] > 0 && square[i] < INFINITY)) square[i] = INFINITY;
+  if (scale == 1) return;
+  for (integer i = 0; i < count * R * ROW; ++i) rows[i] /= scale;
+  for (integer i = 0; i < count; ++i) square[i] /= scale * scale;
+}
+
 /* Charts of a layout with points of m numbers and errors of n: error of one point about another, and reset Jacobian [n][n] at an
  * error. Errors of the `blocks` curved blocks begin at start[b] and have dimension[b]
  * components; a constant one is the same in every epoch. */
@@ -60,6 +79,42 @@ static void turn_columns(integer count, integer pitch, integer column, integer d
     }
     memcpy(rows + column, turned, d * sizeof(double));
   }
+}
+
+/* Gram [n + 1][n + 1] of the prior of a first state at x, components in `order`: the error of its mean is -away + G^-1 d with the reset
+ * Jacobian G at away, whitened by W [n][n]. Returns the cost, or -1 where there is no memory. */
+double linearise_first(const Charts* c, const double* mean, const double* W, const integer* order, const double* x, double* gram) {
+  const integer n = c->n, w = n + 1, none[] = {0, 0};
+  double *room = malloc((n + 2 * n * n + n * w) * sizeof(double)), *away = room, *jacobian = away + n;
+  double *turned = jacobian + n * n, *rows = turned + n * n;
+  if (room == 0) return -1;
+  const double *points[] = {mean, x}, *errors[] = {away};
+  double *const error[] = {away}, *const matrix[] = {jacobian};
+  c->local(1, points, none, error, none);
+  c->reset(1, errors, none, matrix, none);
+  /* W G^-1, which differs from W in the columns of curved blocks */
+  memcpy(turned, W, n * n * sizeof(double));
+  for (integer b = 0; b < c->blocks; ++b) {
+    const integer d = c->dimension[b];
+    double block[d * d], inverse[d * d];
+    take_block(c, b, jacobian, block);
+    invert(d, block, inverse);
+    turn_columns(n, n, c->start[b], d, inverse, turned);
+  }
+  for (integer i = 0; i < n; ++i) {
+    double* row = rows + i * w;
+    row[n] = 0;
+    for (integer j = 0; j < n; ++j) {
+      row[j] = turned[i * n + order[j]];
+      row[n] -= W[i * n + j] * away[j];
+    }
+  }
+  memset(gram, 0, w * w * sizeof(double));
+  for (integer r = 0; r < n; ++r)
+    for (integer i = 0; i < w; ++i)
+      for (integer j = 0; j < w; ++j) gram[i * w + j] += rows[r * w + i] * rows[r * w + j];
+  free(room);
+  return gram[w * w - 1];
 }
 
 /* Linearised steps of a process, `BatchedLinearisation`: a scan over substeps, fewest << j of them for a turn of up to limits[j]

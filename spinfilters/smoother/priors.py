@@ -3,8 +3,8 @@
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
+from functools import cached_property, lru_cache
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -99,34 +99,39 @@ class VariableOrdering:
                 f"landmarks need a state that begins with blocks t, a; the layout has {self.layout.blocks}"
             )
 
-    @cached_property
+    @property
     def pose(self) -> Int[np.ndarray, " p"]:
         """Error components of an epoch coupled by landmark observations."""
-        return self._components_of([block for block in self.layout.moving if self._is_separator(block)])
+        return self.components.pose
 
-    @cached_property
+    @property
     def tridiagonal(self) -> Int[np.ndarray, " v"]:
         """Error components of an epoch coupled only to its neighbours in time."""
-        return self._components_of([block for block in self.layout.moving if not self._is_separator(block)])
+        return self.components.tridiagonal
 
-    @cached_property
+    @property
     def constant(self) -> Int[np.ndarray, " c"]:
         """Error components that are the same in every epoch."""
-        return self._components_of(self.layout.constant)
+        return self.components.constant
 
-    @cached_property
+    @property
     def moving(self) -> Int[np.ndarray, " d"]:
         """Pose components, then tridiagonal ones."""
-        return np.concatenate([self.pose, self.tridiagonal])
+        return self.components.moving
 
     @cached_property
+    def components(self) -> "ErrorComponents":
+        """Those of all epochs alike."""
+        return error_components(self.layout, self.has_landmarks)
+
+    @property
     def order(self) -> Int[np.ndarray, " n"]:
         """All components of an epoch: pose, tridiagonal, constant.
 
         Chains are eliminated first, where each meets only its neighbours; poses stay because landmarks tie them to one another, and
         constants come last because every epoch meets them: what is eliminated before them stays sparse.
         """
-        return np.concatenate([self.moving, self.constant])
+        return self.components.order
 
     @cached_property
     def curved_columns(self) -> list[tuple[slice, Int[np.ndarray, "e d"]]]:
@@ -174,12 +179,30 @@ class VariableOrdering:
         result[:, self.constant] = separator_step[self.epochs * p :]
         return result
 
-    def _is_separator(self, block: StateBlock) -> bool:
-        return self.has_landmarks and block.name in POSE_BLOCKS
 
-    def _components_of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
-        every = np.arange(self.layout.error_dim)
-        return np.concatenate([every[:0], *[every[self.layout.slice(block.name)] for block in blocks]])
+class ErrorComponents(NamedTuple):
+    """Error components of any epoch by how they are eliminated; see `VariableOrdering`."""
+
+    pose: Int[np.ndarray, " p"]
+    tridiagonal: Int[np.ndarray, " v"]
+    constant: Int[np.ndarray, " c"]
+    moving: Int[np.ndarray, " d"]
+    order: Int[np.ndarray, " n"]
+
+
+@lru_cache(maxsize=64)
+def error_components(layout: StateLayout, has_landmarks: bool) -> ErrorComponents:
+    """Components of a layout, the same arrays for all windows."""
+
+    def components_of(blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
+        every = np.arange(layout.error_dim)
+        return np.concatenate([every[:0], *[every[layout.slice(block.name)] for block in blocks]])
+
+    coupled = [block for block in layout.moving if has_landmarks and block.name in POSE_BLOCKS]
+    pose = components_of(coupled)
+    tridiagonal = components_of([block for block in layout.moving if block not in coupled])
+    constant, moving = components_of(layout.constant), np.concatenate([pose, tridiagonal])
+    return ErrorComponents(pose, tridiagonal, constant, moving, np.concatenate([moving, constant]))
 
 
 Resets = list[tuple[Int[np.ndarray, "e d"], Float[np.ndarray, "e d d"]]]
