@@ -251,6 +251,24 @@ static void turn_rows(integer d, integer width, const double* block, double* row
     }
 }
 
+/* to [q][q] = from', in squares that stay in the first cache. */
+static void transpose(integer q, const double* from, double* to) {
+  enum { SIDE = 8 };
+  for (integer i = 0; i < q; i += SIDE)
+    for (integer j = 0; j < q; j += SIDE)
+      for (integer a = i; a < q && a < i + SIDE; ++a)
+        for (integer b = j; b < q && b < j + SIDE; ++b) to[a * q + b] = from[b * q + a];
+}
+
+/* B' rows of width numbers, with the blocks [d][d] of every curved block and epoch in B, one after the other. */
+static void turn_all(const Charts* charts, const Prior* r, integer width, const double* blocks, double* rows, double* room) {
+  for (integer b = 0; b < charts->blocks; ++b) {
+    const integer d = charts->dimension[b];
+    for (integer f = 0; f < (r->apart[b] ? r->F : 1); ++f, blocks += d * d)
+      turn_rows(d, width, blocks, rows + (r->begin[b] + f * r->apart[b]) * width, room);
+  }
+}
+
 /* R_now = R G^-1 (I + D) with D = (then - now) now_p^-1 on the columns of the oldest pose, so that the prior stays blind to moves of
  * frame g: gram [q][q] and gradient [q] take it up. */
 static void shift_gauge(integer q, integer p, const double* now, const double* then, double* gram, double* gradient, double* room) {
@@ -288,10 +306,11 @@ static void shift_gauge(integer q, integer p, const double* now, const double* t
 /* `MarginalizationPrior.at` of the F epochs `here`, with the loop of directions of the gauge [6][n] at points where there are poses: gram [q][q] and gradient [q]; returns the cost, -1 where there is no memory. */
 double linearise_prior(const Charts* charts, Loop* gauge, const Prior* r, const double* here, double* gram, double* gradient) {
   const integer F = r->F, n = charts->n, p = r->p, q = F * p + r->c + r->v;
-  double* room = malloc((F * n * (1 + n + POSE) + q * (2 + 2 * POSE + 2 * p) + n * q) * sizeof(double));
+  double* room = malloc((F * n * (1 + 3 * n + POSE) + q * (2 + 2 * POSE + 2 * p + n + q)) * sizeof(double));
   if (room == 0) return -1;
   double *errors = room, *resets = errors + F * n, *every = resets + F * n * n, *away = every + F * n * POSE, *rest = away + q;
   double *now = rest + q, *then = now + q * POSE, *spare = then + q * POSE;
+  double *turned = spare + 2 * p * q + n * q, *blocks = turned + q * q, *forwards = blocks + F * n * n;
   const double *points[] = {r->first, here}, *given[] = {errors}, *states[] = {here};
   double *const error[] = {errors}, *const jacobian[] = {resets}, *const direction[] = {every};
   const integer m[] = {charts->m, charts->m}, wide[] = {n}, square[] = {n * n}, six[] = {n * POSE};
@@ -305,30 +324,33 @@ double linearise_prior(const Charts* charts, Loop* gauge, const Prior* r, const 
   memset(gradient, 0, q * sizeof(double));
   for (integer i = 0; i < q; ++i) {
     const double* row = r->root + i * q;
-    rest[i] = r->right[i];
-    for (integer j = 0; j < q; ++j) rest[i] -= row[j] * away[j];
+    rest[i] = r->right[i] - product(row, away, 0, q);
     for (integer j = 0; j < q; ++j) gradient[j] += rest[i] * row[j];
     cost += rest[i] * rest[i];
   }
-  memcpy(gram, r->gram, q * q * sizeof(double));
   if (p) {
     gauge(F, states, m, direction, six);
     take_directions(r, n, every, now);
     memcpy(then, r->gauge, q * POSE * sizeof(double));
   }
   /* d = away + G^-1 e: B' gram B and B' gradient with B = G^-1 of every curved block, and G times its directions of the gauge */
-  for (integer b = 0; b < charts->blocks; ++b)
-    for (integer f = 0; f < (r->apart[b] ? F : 1); ++f) {
-      const integer d = charts->dimension[b], column = r->begin[b] + f * r->apart[b];
-      double block[d * d], turned[d * d], inverse[d * d];
+  double *inverse = blocks, *forward = forwards;
+  for (integer b = 0; b < charts->blocks; ++b) {
+    const integer d = charts->dimension[b];
+    double block[d * d];
+    for (integer f = 0; f < (r->apart[b] ? F : 1); ++f, inverse += d * d, forward += d * d) {
       take_block(charts, b, resets + f * n * n, block);
-      for (integer i = 0; i < d * d; ++i) turned[i] = block[i % d * d + i / d];
-      if (p) turn_rows(d, POSE, turned, then + column * POSE, spare);
+      for (integer i = 0; i < d * d; ++i) forward[i] = block[i % d * d + i / d];
       invert(d, block, inverse);
-      turn_rows(d, q, inverse, gram + column * q, spare);
-      turn_columns(q, q, column, d, inverse, gram);
-      turn_columns(1, q, column, d, inverse, gradient);
     }
+  }
+  if (p) turn_all(charts, r, POSE, forwards, then, spare);
+  turn_all(charts, r, 1, blocks, gradient, spare);
+  /* gram is symmetric: B' gram, transposed, and once more */
+  memcpy(turned, r->gram, q * q * sizeof(double));
+  turn_all(charts, r, q, blocks, turned, spare);
+  transpose(q, turned, gram);
+  turn_all(charts, r, q, blocks, gram, spare);
   if (p) shift_gauge(q, p, now, then, gram, gradient, spare);
   free(room);
   return cost;
