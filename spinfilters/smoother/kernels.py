@@ -30,6 +30,7 @@ _SIGNATURES = {
     "root_of_rows": Signature("ii" + "p", ctypes.c_longlong),
     "linearise_steps": Signature("ppi" + "ppp" + "ip" + "iipp" + "d" + "ppppp", ctypes.c_double),
     "linearise_observations": Signature("pi" + "pppppp" + "iii" + "d" + "ppp", None),
+    "rows_at_first": Signature("pppp" + "iip", ctypes.c_int),
     "linearise_first": Signature("pppppp", ctypes.c_double),
     "linearise_prior": Signature("ppp" + "ppp", ctypes.c_double),
     "solve_window": Signature("iiii" + "pipp" + "ipp" + "ddp" + "ppppp" + "pppp", ctypes.c_longlong),

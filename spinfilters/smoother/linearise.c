@@ -69,16 +69,23 @@ static void take_block(const Charts* c, integer b, const double* jacobian, doubl
     for (integer j = 0; j < d; ++j) block[i * d + j] = jacobian[(start + j) * c->n + start + i];
 }
 
-/* Rows [count] of pitch numbers, their d columns from `column` on times block [d][d]. */
-static void turn_columns(integer count, integer pitch, integer column, integer d, const double* block, double* rows) {
-  double turned[d];
+/* Rows [count] of pitch numbers, their d columns from `rows` on times block [d][d]; d is known when this is compiled. */
+static inline __attribute__((always_inline)) void turn_some(integer count, integer pitch, const integer d, const double* block, double* rows) {
+  double given[d];
   for (integer r = 0; r < count; ++r, rows += pitch) {
+    for (integer i = 0; i < d; ++i) given[i] = rows[i];
     for (integer j = 0; j < d; ++j) {
-      turned[j] = 0;
-      for (integer i = 0; i < d; ++i) turned[j] += rows[column + i] * block[i * d + j];
+      double sum = 0;
+      for (integer i = 0; i < d; ++i) sum += given[i] * block[i * d + j];
+      rows[j] = sum;
     }
-    memcpy(rows + column, turned, d * sizeof(double));
   }
+}
+
+/* The same of the columns from `column` on; blocks of an attitude, which every epoch has, are of three. */
+static void turn_columns(integer count, integer pitch, integer column, integer d, const double* block, double* rows) {
+  if (d == 3) turn_some(count, pitch, 3, block, rows + column);
+  else turn_some(count, pitch, d, block, rows + column);
 }
 
 /* Gram [n + 1][n + 1] of the prior of a first state at x, components in `order`: the error of its mean is -away + G^-1 d with the reset
@@ -303,22 +310,46 @@ static void shift_gauge(integer q, integer p, const double* now, const double* t
   }
 }
 
+/* Errors of the F epochs `here` about the prior's first estimates, as its columns, away [q]; and of every curved block and epoch the
+ * inverse of its reset Jacobian there, and the transpose of this. */
+static void leave_first(const Charts* charts, const Prior* r, const double* here, double* room, double* away, double* inverse,
+                        double* turned) {
+  const integer F = r->F, n = charts->n, p = r->p, points[] = {charts->m, charts->m}, wide[] = {n}, square[] = {n * n};
+  double *errors = room, *resets = errors + F * n;
+  const double *from[] = {r->first, here}, *given[] = {errors};
+  double *const error[] = {errors}, *const jacobian[] = {resets};
+  charts->local(F, from, points, error, wide);
+  charts->reset(F, given, wide, jacobian, square);
+  for (integer f = 0; f < F; ++f)
+    for (integer a = 0; a < p; ++a) away[f * p + a] = errors[f * n + r->pose[a]];
+  for (integer a = 0; a < r->c + r->v; ++a) away[F * p + a] = errors[a < r->c ? r->constant[a] : r->chain[a - r->c]];
+  for (integer b = 0; b < charts->blocks; ++b) {
+    const integer d = charts->dimension[b];
+    double block[d * d];
+    for (integer f = 0; f < (r->apart[b] ? F : 1); ++f, inverse += d * d, turned += d * d) {
+      take_block(charts, b, resets + f * n * n, block);
+      for (integer i = 0; i < d * d; ++i) turned[i] = block[i % d * d + i / d];
+      invert(d, block, inverse);
+    }
+  }
+}
+
+/* Directions of the gauge at F points, as rows of the prior's columns. */
+static void gauge_at(const Charts* charts, Loop* gauge, const Prior* r, const double* points, double* room, double* directions) {
+  const integer m[] = {charts->m}, six[] = {charts->n * POSE};
+  double* const to[] = {room};
+  gauge(r->F, &points, m, to, six);
+  take_directions(r, charts->n, room, directions);
+}
+
 /* `MarginalizationPrior.at` of the F epochs `here`, with the loop of directions of the gauge [6][n] at points where there are poses: gram [q][q] and gradient [q]; returns the cost, -1 where there is no memory. */
 double linearise_prior(const Charts* charts, Loop* gauge, const Prior* r, const double* here, double* gram, double* gradient) {
   const integer F = r->F, n = charts->n, p = r->p, q = F * p + r->c + r->v;
   double* room = malloc((F * n * (1 + 3 * n + POSE) + q * (2 + 2 * POSE + 2 * p + n + q)) * sizeof(double));
   if (room == 0) return -1;
-  double *errors = room, *resets = errors + F * n, *every = resets + F * n * n, *away = every + F * n * POSE, *rest = away + q;
-  double *now = rest + q, *then = now + q * POSE, *spare = then + q * POSE;
-  double *turned = spare + 2 * p * q + n * q, *blocks = turned + q * q, *forwards = blocks + F * n * n;
-  const double *points[] = {r->first, here}, *given[] = {errors}, *states[] = {here};
-  double *const error[] = {errors}, *const jacobian[] = {resets}, *const direction[] = {every};
-  const integer m[] = {charts->m, charts->m}, wide[] = {n}, square[] = {n * n}, six[] = {n * POSE};
-  charts->local(F, points, m, error, wide);
-  charts->reset(F, given, wide, jacobian, square);
-  for (integer f = 0; f < F; ++f)
-    for (integer a = 0; a < p; ++a) away[f * p + a] = errors[f * n + r->pose[a]];
-  for (integer a = 0; a < r->c + r->v; ++a) away[F * p + a] = errors[a < r->c ? r->constant[a] : r->chain[a - r->c]];
+  double *away = room, *rest = away + q, *now = rest + q, *then = now + q * POSE, *turned = then + q * POSE, *blocks = turned + q * q;
+  double *forwards = blocks + F * n * n, *spare = forwards + F * n * n;
+  leave_first(charts, r, here, spare, away, blocks, forwards);
   /* rest = y - R away, and R' rest */
   double cost = r->least;
   memset(gradient, 0, q * sizeof(double));
@@ -329,21 +360,10 @@ double linearise_prior(const Charts* charts, Loop* gauge, const Prior* r, const 
     cost += rest[i] * rest[i];
   }
   if (p) {
-    gauge(F, states, m, direction, six);
-    take_directions(r, n, every, now);
+    gauge_at(charts, gauge, r, here, spare, now);
     memcpy(then, r->gauge, q * POSE * sizeof(double));
   }
   /* d = away + G^-1 e: B' gram B and B' gradient with B = G^-1 of every curved block, and G times its directions of the gauge */
-  double *inverse = blocks, *forward = forwards;
-  for (integer b = 0; b < charts->blocks; ++b) {
-    const integer d = charts->dimension[b];
-    double block[d * d];
-    for (integer f = 0; f < (r->apart[b] ? F : 1); ++f, inverse += d * d, forward += d * d) {
-      take_block(charts, b, resets + f * n * n, block);
-      for (integer i = 0; i < d * d; ++i) forward[i] = block[i % d * d + i / d];
-      invert(d, block, inverse);
-    }
-  }
   if (p) turn_all(charts, r, POSE, forwards, then, spare);
   turn_all(charts, r, 1, blocks, gradient, spare);
   /* gram is symmetric: B' gram, transposed, and once more */
@@ -354,4 +374,52 @@ double linearise_prior(const Charts* charts, Loop* gauge, const Prior* r, const 
   if (p) shift_gauge(q, p, now, then, gram, gradient, spare);
   free(room);
   return cost;
+}
+
+/* Rows [count][width] over the prior's columns, further ones, and a right-hand side, from the points `here` to the first estimates: by errors
+ * there, e = G (d - away), and blind to the same moves of frame g, for which the oldest pose's columns take up what the gauge
+ * changes: (J G + D) N_then = J N_now. Returns 1 where there is no memory. */
+int rows_at_first(const Charts* charts, Loop* gauge, const Prior* r, const double* here, integer count, integer width, double* rows) {
+  const integer F = r->F, n = charts->n, p = r->p, q = F * p + r->c + r->v;
+  double* room = malloc((F * n * (1 + 3 * n + POSE) + q * (1 + 2 * POSE) + POSE * (n + count)) * sizeof(double));
+  if (room == 0) return 1;
+  double *away = room, *now = away + q, *then = now + q * POSE, *blocks = then + q * POSE, *forwards = blocks + F * n * n;
+  double *change = forwards + F * n * n, *spare = change + count * POSE, head[POSE * POSE], inverse[POSE * POSE];
+  leave_first(charts, r, here, spare, away, blocks, forwards);
+  if (p) {
+    /* rows G N_then = rows (G N_then): what is left of N_now, which every row is short of */
+    gauge_at(charts, gauge, r, here, spare, now);
+    gauge_at(charts, gauge, r, r->first, spare, then);
+    memcpy(head, then, sizeof head);
+    invert(POSE, head, inverse);
+    turn_all(charts, r, POSE, forwards, then, spare);
+    for (integer i = 0; i < q * POSE; ++i) now[i] -= then[i];
+  }
+  for (integer i = 0; i < count && p; ++i) {
+    const double* row = rows + i * width;
+    four left = {0};
+    two right = {0};
+    for (integer j = 0; j < q; ++j) {
+      left += row[j] * *(const four*)(now + j * POSE);
+      right += row[j] * *(const two*)(now + j * POSE + 4);
+    }
+    *(four*)(change + i * POSE) = left;
+    *(two*)(change + i * POSE + 4) = right;
+  }
+  const double* block = forwards;
+  for (integer b = 0; b < charts->blocks; ++b)
+    for (integer f = 0; f < (r->apart[b] ? F : 1); ++f) {
+      const integer d = charts->dimension[b];
+      double straight[d * d];
+      for (integer k = 0; k < d * d; ++k) straight[k] = block[k % d * d + k / d];
+      turn_columns(count, width, r->begin[b] + f * r->apart[b], d, straight, rows);
+      block += d * d;
+    }
+  for (integer i = 0; i < count; ++i, rows += width) {
+    for (integer j = 0; j < p; ++j)
+      for (int g = 0; g < POSE; ++g) rows[j] += change[i * POSE + g] * inverse[g * p + j];
+    rows[width - 1] += product(rows, away, 0, q);
+  }
+  free(room);
+  return 0;
 }

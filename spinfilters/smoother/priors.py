@@ -239,7 +239,8 @@ class MarginalizationPrior:
         return self.information_sqrt.T @ self.information_sqrt
 
     @cached_property
-    def _gauge(self) -> Float[np.ndarray, "q 6"]:
+    def gauge(self) -> Float[np.ndarray, "q 6"]:
+        """Directions of the gauge at the first estimates."""
         return gauge_columns(self.ordering, self.first)
 
     @cached_property
@@ -271,21 +272,12 @@ class MarginalizationPrior:
 
     def _linearised_in_c(self, here: Float[np.ndarray, "F m"]) -> "LinearizedPrior | None":
         """`at` in one call; None without compiled code."""
-        library, ordering = kernels(), self.ordering
-        has_poses = len(ordering.pose) > 0
-        charts = None if library is None else charts_of(ordering.layout)
-        loop = gauge_function(ordering.layout).loop if has_poses and charts is not None else 0
-        if library is None or charts is None or loop is None:
+        library, call = kernels(), prior_structure(self.ordering, self.first, self)
+        if library is None or call is None:
             return None
-        components = (ordering.pose, ordering.constant, ordering.tridiagonal)
         gram, gradient, here = np.empty_like(self.gram), np.empty_like(self.right), np.ascontiguousarray(here)
-        structure = PriorStructure(
-            *(len(here), *map(len, components), *map(address, (*components, *ordering.curved_places))),
-            *map(address, (self.first, self.information_sqrt, self.right, self.gram)),
-            *(address(self._gauge) if has_poses else None, self.constant_cost),
-        )
         arrays = map(address, (here, gram, gradient))
-        cost = library.linearise_prior(charts.address, loop, ctypes.addressof(structure), *arrays)
+        cost = library.linearise_prior(*call.addresses, *arrays)
         if cost < 0:
             raise MemoryError("no memory to linearise what was marginalized")
         return LinearizedPrior(self, gram, gradient, cost)
@@ -295,8 +287,45 @@ class MarginalizationPrior:
         p = len(self.ordering.pose)
         now = gauge_columns(self.ordering, here)
         turned = [(columns, jacobians.swapaxes(1, 2)) for columns, jacobians in resets]
-        then = with_columns_reset(self._gauge.T, turned).T
+        then = with_columns_reset(self.gauge.T, turned).T
         return np.linalg.solve(now[:p].T, (then - now).T).T
+
+
+class PriorCall(NamedTuple):
+    """First arguments of the functions in C that take a prior, and what keeps them alive."""
+
+    charts: int
+    gauge: int
+    structure: PriorStructure
+    kept: tuple[np.ndarray, ...]
+
+    @property
+    def addresses(self) -> tuple[int, int, int]:
+        """Of charts, of the loop of directions of the gauge, and of the prior."""
+        return self.charts, self.gauge, ctypes.addressof(self.structure)
+
+
+def prior_structure(
+    ordering: VariableOrdering, first: Float[np.ndarray, "F m"], prior: MarginalizationPrior | None = None
+) -> PriorCall | None:
+    """The columns of a prior about some first estimates, with its numbers where they are given; None without compiled code."""
+    has_poses = len(ordering.pose) > 0
+    charts = None if kernels() is None else charts_of(ordering.layout)
+    loop = gauge_function(ordering.layout).loop if has_poses and charts is not None else 0
+    if charts is None or loop is None:
+        return None
+    components = (ordering.pose, ordering.constant, ordering.tridiagonal)
+    columns = (*components, *ordering.curved_places, np.ascontiguousarray(first))
+    numbers, gauge, least = (), None, 0.0
+    if prior is not None:
+        numbers, least = (prior.information_sqrt, prior.right, prior.gram), prior.constant_cost
+        gauge = address(prior.gauge) if has_poses else None
+    structure = PriorStructure(
+        *(len(first), *map(len, components), *map(address, columns)),
+        *(map(address, numbers) if numbers else (None,) * 3),
+        *(gauge, least),
+    )
+    return PriorCall(charts.address, loop, structure, columns)
 
 
 @dataclass(frozen=True)
