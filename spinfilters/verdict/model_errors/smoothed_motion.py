@@ -63,6 +63,20 @@ class MeasuredRows:
     whitening: Float[np.ndarray, "r i i"]
     change: Float[np.ndarray, "r i"]
 
+    @cached_property
+    def expected(self) -> Float[np.ndarray, "r v"]:
+        """Expected values."""
+        return self.model.predict(self.states, self.parameters)
+
+    def whitened(self, shift: Float[np.ndarray, "r i m"]) -> Float[np.ndarray, "r i m"]:
+        """W d of shifts d of the innovations, W a lower triangle that is the same for many rows, or has few entries."""
+        found = np.zeros_like(shift)
+        for i in range(shift.shape[1]):
+            for j in range(i + 1):
+                if (own := self.whitening[:, i, j]).any():
+                    found[:, i] += own[:, None] * shift[:, j]
+        return found
+
     def by_calibration(self, parameter: ConsiderParameter) -> Float[np.ndarray, "r i e"] | None:
         """Change of the innovations per unit of a calibration error; None for an error of another sensor."""
         if parameter.moved is None or self.model.name not in parameter.sensors:
@@ -236,7 +250,7 @@ class SmoothedMotion:
     def shifted(self, shift: Shift) -> Columns | None:
         """Right-hand sides of errors of measurements; None where no measurement has them."""
         found = [(each, shift(each)) for each in self.measured]
-        made = [_WhitenedShift(each, each.whitening @ by) for each, by in found if by is not None]
+        made = [_WhitenedShift(each, each.whitened(by)) for each, by in found if by is not None]
         return self._place_columns(made) if made else None
 
     def in_time(self, late: Callable[[MeasurementModel], Float[np.ndarray, "k m"]]) -> Columns | None:
