@@ -69,13 +69,16 @@ class MeasuredRows:
         return self.model.predict(self.states, self.parameters)
 
     def whitened(self, shift: Float[np.ndarray, "r i m"]) -> Float[np.ndarray, "r i m"]:
-        """W d of shifts d of the innovations, W a lower triangle that is the same for many rows, or has few entries."""
+        """W d of shifts d of the innovations, entry by entry of W: products of thousands of small matrices take longer."""
         found = np.zeros_like(shift)
-        for i in range(shift.shape[1]):
-            for j in range(i + 1):
-                if (own := self.whitening[:, i, j]).any():
-                    found[:, i] += own[:, None] * shift[:, j]
+        for i, j in self._entries:
+            found[:, i] += self.whitening[:, i, j, None] * shift[:, j]
         return found
+
+    @cached_property
+    def _entries(self) -> list[tuple[int, int]]:
+        """Rows and columns of the whitening that are not zero in all measurements."""
+        return [(int(i), int(j)) for i, j in np.argwhere(self.whitening.any(axis=0))]
 
     def by_calibration(self, parameter: ConsiderParameter) -> Float[np.ndarray, "r i e"] | None:
         """Change of the innovations per unit of a calibration error; None for an error of another sensor."""
