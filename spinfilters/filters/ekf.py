@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.filters.compiled_steps import Update, compiled_update
-from spinfilters.filters.epoch_run import RunOptions, compiled_loops, run_options, take_in
+from spinfilters.filters.epoch_run import CompiledPrediction, RunOptions, compiled_loops, run_options, take_in
 from spinfilters.filters.error_coordinates import ErrorCoordinates, InvariantOptions
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel, RunsTaken
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter, PredictedMeasurement
@@ -38,7 +38,7 @@ from spinfilters.filters.landmark_observations import SolvedObservations, correc
 from spinfilters.filters.landmark_steps import MapObservations
 from spinfilters.filters.lane_runs import take_in_runs
 from spinfilters.filters.measurement_prediction import LinearisedRows, linear_rows
-from spinfilters.filters.noise_levels import AdaptationOptions
+from spinfilters.filters.noise_levels import AdaptationOptions, PredictedMotion
 from spinfilters.filters.outlier_rejection import RobustOptions, SensorOutlierRejection
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.square_root import square_root_update
@@ -50,6 +50,39 @@ class FirstOrderFilter(MultiplicativeFilter):
 
     The base of filters with another correction: they override `correct_linearly`.
     """
+
+    compiled_prediction: ClassVar[bool] = True
+    """Whether compiled code predicts: not in a filter with a process of its own."""
+    _compiled_prediction: CompiledPrediction | None = None
+
+    def __init_subclass__(cls) -> None:
+        """Make a subclass with its own `linearise_process` predict by it."""
+        if "linearise_process" in vars(cls):
+            cls.compiled_prediction = False
+
+    def predict_belief(self, dt: float) -> PredictedMotion:
+        """By compiled code in one call, where there is any for so many substeps.
+
+        Parameters
+        ----------
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        PredictedMotion
+            Mean, covariance factor, transition and scaled noise factor.
+        """
+        compiled = self._compiled_prediction
+        if compiled is None and self.compiled_prediction:
+            compiled = self._compiled_prediction = CompiledPrediction.of(self.process, self._curvature)
+        if compiled is not None:
+            scales = self._adaptation.column_scales(self.layout)
+            predicted = compiled(self.mean, self.factor, dt, scales, self._curvature)
+            if predicted is not None:
+                return predicted
+            self._compiled_prediction = None  # it will know more substeps
+        return super().predict_belief(dt)
 
     def linearise_process(self, dt: float) -> LinearisedProcess:
         """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""
@@ -89,6 +122,7 @@ class MultiplicativeEkf(FirstOrderFilter):
 
     def __init_subclass__(cls) -> None:
         """Make a subclass without its own `take_in` take each epoch by itself, outside compiled loops."""
+        super().__init_subclass__()
         if "take_in" not in vars(cls):
             cls.take_in, cls.take_in_runs = Estimator.take_in, Estimator.take_in_runs
         if not {"correct_linearly", "predict_measurement"}.isdisjoint(vars(cls)):
@@ -208,7 +242,10 @@ class MultiplicativeEkf(FirstOrderFilter):
 
     def _run_options(self, models: Sequence[MeasurementModel]) -> RunOptions:
         """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""
-        return run_options(self.layout, self._adaptation, self._outliers, models, self._iteration)
+        return run_options(
+            *(self.layout, self._adaptation, self._outliers, models, self._iteration),
+            curvature=self._curvature,
+        )
 
     def correct_by_landmarks(
         self, observations: MapObservations, outliers: SensorOutlierRejection

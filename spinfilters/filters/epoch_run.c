@@ -1,16 +1,8 @@
-/* Consecutive epochs of a first-order filter in one call; `filter.py` and `ekf.py` say what an epoch computes, and the functions
- * called here, compiled apart, compute it. Every operation is that of single epochs, in the same order. Matrices are row by row
- * where they are not said to be CasADi's, which are column by column. FEWEST_DUPLICATES, DUPLICATE_SAMPLE, LINEAR_SAMPLE and
- * AGREEING_SHARE are defined in front of this text. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
+/* Consecutive epochs of a first-order filter or an unscented one in one call, each as by itself; the functions called here,
+ * compiled apart, compute it. `filter_step.c` and `flow_curvature.c` stand before this text, and the definitions of
+ * FEWEST_DUPLICATES, DUPLICATE_SAMPLE, LINEAR_SAMPLE and AGREEING_SHARE. */
 
-typedef long long integer;
-
-/* The loop of a `Compiled` function, that of a `Vectorised` one, and a sensor's `Model` of `update.c`. */
-typedef int Loop(integer count, const double* const* from, const integer* stride, double* const* to, const integer* widths);
-typedef void Sighted(integer count, const double* const* from, const integer* pitch, const integer* const* rows, double* const* to);
+/* A sensor's `Model` of `update.c`. */
 typedef struct {
   Sighted* linearise;
   Loop *retract, *reset;
@@ -18,28 +10,9 @@ typedef struct {
   integer point, width, components, dim;
 } Model;
 
-/* `update` and `propagate` of `update.c`. */
+/* `update` of `update.c`. */
 typedef integer Update(const Model*, integer count, const double* x, const double* parameters, const double* values, double weight,
                        double limit, const double* before, double* room, double* made);
-typedef void Propagate(const double* factor, const double* transition, const double* noise, integer count, double* after);
-
-/* The loop of a `VectorisedScan`, and `triangle` of `triangle.c`. */
-typedef void Scan(integer count, const double* const* from, const integer* width, const integer* const* rows, double* const* to,
-                  integer turns, const double* each);
-typedef void Triangle(const double* rows, integer count, integer n, integer down, integer along, double* L);
-
-/* Sigma points of an unscented filter: `points` offsets from the mean in columns of the factor, with their weights; the state's
- * retraction and error of many points; steps of `constants` numbers a point in fewest << j substeps, with their error. */
-typedef struct {
-  integer points, constants, fewest;
-  const double *offsets, *mean_weights, *root_weights;
-  Sighted *retract, *local;
-  Loop* find_constants;
-  Scan* step;
-  Loop* step_error;
-  Triangle* triangle;
-  const double* nothing; /* the numbers of a substep: none, as many zeros as there may be substeps */
-} Sigma;
 
 /* A sensor, with its values and their parameters; epoch k has those from first[k] to before end[k]. `before` are the values that
  * it measured last, in front of all epochs. */
@@ -55,209 +28,11 @@ typedef struct {
   Sighted* beside; /* innovations at sigma points, of an unscented filter */
 } Sensor;
 
-/* The filter: numbers of an error and of a point; the process, linearised by loops[j] up to a turn of limits[j] (rad), to this
- * tolerance; places of attitude and position in an error (-1 for none), of position and rate in a point; and `IterationOptions`. */
-typedef struct {
-  integer n, point, noise, errors, loop_count;
-  const double* limits;
-  Loop* const* loops;
-  const double *densities, *scales;
-  double tolerance;
-  Propagate* propagate;
-  integer attitude, position, place, rate;
-  double iteration, nearest;
-  const Sigma* sigma; /* of an unscented filter, else none */
-} Filter;
-
 /* What epochs leave behind, a row each (`EPOCH_ARRAYS`). */
 typedef struct {
   double *mean, *factor, *nis, *likelihood;
   integer *dof, *accepted, *rejected;
 } Rows;
-
-static double length(const double* x, integer count) {
-  double sum = 0;
-  for (integer k = 0; k < count; ++k) sum += x[k] * x[k]; /* sum of squares */
-  return sqrt(sum);
-}
-
-static int all_finite(const double* x, integer count) {
-  for (integer k = 0; k < count; ++k) /* one is enough to refuse */
-    if (!isfinite(x[k])) return 0;
-  return 1;
-}
-
-/* The first integrator whose limit a rotation in a step does not exceed; `loop_count` for none. */
-static integer integrator(const Filter* f, double turn) {
-  integer j = 0;
-  while (j < f->loop_count && !(turn <= f->limits[j])) ++j;
-  return j;
-}
-
-/* Parts of the room that a step takes: error estimate, transition and noise factor column by column, both row by row, the mean
- * after the step, and its factor. */
-typedef struct {
-  double *error, *by_columns, *noise_by_columns, *transition, *noise, *after, *S_after;
-} Step;
-
-static Step parts_of(const Filter* f, double* room) {
-  const integer n = f->n, k = f->noise;
-  double *by_columns = room + f->errors, *noise_by_columns = by_columns + n * n, *transition = noise_by_columns + n * k;
-  double *noise = transition + n * n, *after = noise + n * k;
-  return (Step){room, by_columns, noise_by_columns, transition, noise, after, after + f->point};
-}
-
-/* The step linearised at x; 0 where it needs more substeps than are built. */
-static int linearise_step(const Filter* f, double dt, const double* x, const Step* at) {
-  const integer n = f->n, k = f->noise, j = integrator(f, length(x + f->rate, 3) * dt);
-  if (j == f->loop_count || !f->loops[j]) return 0;
-  const double* from[] = {x, &dt, f->densities};
-  double* const to[] = {at->after, at->error, at->by_columns, at->noise_by_columns};
-  const integer none[] = {0, 0, 0, 0};
-  if (f->loops[j](1, from, none, to, none)) return 0;
-  /* every error estimate of the integrator within the tolerance */
-  for (integer e = 0; e < f->errors; ++e)
-    if (!(at->error[e] <= f->tolerance)) return 0;
-  /* CasADi's columns to rows, and each column of the noise factor times the scale of its disturbance */
-  for (integer a = 0; a < n; ++a) {
-    for (integer b = 0; b < n; ++b) at->transition[a * n + b] = at->by_columns[b * n + a];
-    for (integer b = 0; b < k; ++b) at->noise[a * k + b] = at->noise_by_columns[b * n + a] * f->scales[b];
-  }
-  return 1;
-}
-
-/* `predict`: x and S are replaced; 0 where the step needs more substeps than are built. */
-static int predict(const Filter* f, double dt, double* x, double* S, double* room) {
-  const integer n = f->n;
-  const Step at = parts_of(f, room);
-  if (!linearise_step(f, dt, x, &at)) return 0;
-  f->propagate(S, at.transition, at.noise, f->noise, at.S_after);
-  memcpy(x, at.after, f->point * sizeof(double));
-  memcpy(S, at.S_after, n * n * sizeof(double));
-  return 1;
-}
-
-/* Numbers of the room of `predict_sigma` behind that of a step. */
-static integer sigma_room(const Filter* f) {
-  const Sigma* u = f->sigma;
-  return u ? u->points * (2 * f->n + 2 * f->point + u->constants + 15) + (u->points + f->noise) * f->n + f->n : 0;
-}
-
-/* `linearise_process` of `ukf.py` at x and S: mean, transition and noise factor as `parts_of` the room, and rows of weighted
- * deviations, with room for those of the noise behind; none where a step needs more substeps than are built. */
-static double* spread_sigma(const Filter* f, double dt, const double* x, const double* S, double* room) {
-  const Sigma* u = f->sigma;
-  const integer n = f->n, m = f->point, p = u->points, k = f->noise, q = u->constants;
-  const Step at = parts_of(f, room);
-  double *shifts = at.S_after + n * n, *errors = shifts + p * n, *points = errors + p * n, *moved = points + p * m;
-  double *constants = moved + p * m, *fine = constants + p * q, *coarse = fine + p * 7, *off = coarse + p * 7;
-  double *rows = off + p, *error = rows + (p + k) * n;
-  if (!linearise_step(f, dt, x, &at)) return 0;
-  /* points: retract(x, offsets S') */
-  for (integer i = 0; i < p; ++i)
-    for (integer a = 0; a < n; ++a) {
-      double sum = 0;
-      for (integer b = 0; b < n; ++b) sum += u->offsets[i * n + b] * S[a * n + b];
-      shifts[i * n + a] = sum;
-    }
-  const integer* none[] = {0, 0, 0, 0};
-  {
-    const double* from[] = {x, shifts};
-    const integer width[] = {0, n};
-    double* const to[] = {points};
-    u->retract(p, from, width, none, to);
-  }
-  /* all of them in as many substeps as the fastest needs, and in half as many for the error */
-  double fastest = 0;
-  for (integer i = 0; i < p; ++i) {
-    const double speed = length(points + i * m + f->rate, 3);
-    if (!(speed <= fastest)) fastest = speed;
-  }
-  const integer j = integrator(f, fastest * dt);
-  if (j == f->loop_count) return 0;
-  const integer count = u->fewest << j;
-  {
-    const double* from[] = {points};
-    const integer width[] = {m}, made[] = {q};
-    double* const to[] = {constants};
-    if (u->find_constants(p, from, width, to, made)) return 0;
-  }
-  for (int halved = 1; halved >= 0; --halved) {
-    const double h = halved ? 2 * dt / (double)count : dt / (double)count, *from[] = {points, constants, &dt, &h};
-    const integer width[] = {m, q, 0, 0};
-    double* const to[] = {moved, halved ? coarse : fine};
-    u->step(p, from, width, none, to, halved ? count / 2 : count, u->nothing);
-  }
-  {
-    const double* from[] = {coarse, fine};
-    const integer width[] = {7, 7}, made[] = {1};
-    double* const to[] = {off};
-    if (u->step_error(p, from, width, to, made)) return 0;
-  }
-  for (integer i = 0; i < p; ++i)
-    if (!(off[i] <= f->tolerance)) return 0;
-  /* mean: retract(centre, weighted mean of the errors about the centre) */
-  {
-    const double* from[] = {moved, moved};
-    const integer width[] = {0, m};
-    double* const to[] = {errors};
-    u->local(p, from, width, none, to);
-    for (integer a = 0; a < n; ++a) error[a] = 0;
-    for (integer i = 0; i < p; ++i)
-      for (integer a = 0; a < n; ++a) error[a] += u->mean_weights[i] * errors[i * n + a];
-    const double* about[] = {moved, error};
-    const integer one[] = {0, 0};
-    double* const mean[] = {at.after};
-    u->retract(1, about, one, none, mean);
-  }
-  /* rows: weighted errors about the mean, then the noise' */
-  {
-    const double* from[] = {at.after, moved};
-    const integer width[] = {0, m};
-    double* const to[] = {rows};
-    u->local(p, from, width, none, to);
-  }
-  for (integer i = 0; i < p; ++i)
-    for (integer a = 0; a < n; ++a) rows[i * n + a] *= u->root_weights[i];
-  return rows;
-}
-
-/* `predict` of an unscented filter: the factor of [deviations | noise]. */
-static int predict_sigma(const Filter* f, double dt, double* x, double* S, double* room) {
-  const integer n = f->n, p = f->sigma->points, k = f->noise;
-  const Step at = parts_of(f, room);
-  double* rows = spread_sigma(f, dt, x, S, room);
-  if (!rows) return 0;
-  for (integer b = 0; b < k; ++b)
-    for (integer a = 0; a < n; ++a) rows[(p + b) * n + a] = at.noise[a * k + b];
-  f->sigma->triangle(rows, p + k, n, n, 1, S);
-  memcpy(x, at.after, f->point * sizeof(double));
-  return 1;
-}
-
-/* Numbers of the room of `predict` and of `spread_sigma`. */
-static integer step_room(const Filter* f) {
-  const integer n = f->n;
-  return f->errors + 4 * n * n + 2 * n * f->noise + f->point + sigma_room(f);
-}
-
-/* `linearise_process` of an unscented filter: mean [m], deviations [points][n], transition [n][n] and noise factor [n][k]; 0 where
- * it needs more than what is built. */
-integer spread(const Filter* f, double dt, const double* x, const double* S, double* mean, double* deviations, double* transition,
-               double* noise) {
-  const integer n = f->n;
-  double* room = malloc(step_room(f) * sizeof(double));
-  const double* rows = room ? spread_sigma(f, dt, x, S, room) : 0;
-  if (rows) {
-    const Step at = parts_of(f, room);
-    memcpy(mean, at.after, f->point * sizeof(double));
-    memcpy(deviations, rows, f->sigma->points * n * sizeof(double));
-    memcpy(transition, at.transition, n * n * sizeof(double));
-    memcpy(noise, at.noise, n * f->noise * sizeof(double));
-  }
-  free(room);
-  return rows != 0;
-}
 
 /* Whether values may repeat those of the image before (`DuplicateImages`): some of a sample, spread over all, has the first
  * component of one of them. None does in the usual case, and the rest is left to the caller. */
@@ -365,7 +140,7 @@ static integer update_sigma(const Filter* f, const Sensor* s, integer count, dou
   const double *about[] = {x, shifts}, *sight[] = {points, x, parameters, values};
   const integer width[] = {0, n}, pitch[] = {m, 0, s->model->width, s->model->components};
   double *const to[] = {points}, *const seen[] = {innovation, valid, determinant};
-  u->retract(q, about, width, none, to);
+  f->points->retract(q, about, width, none, to);
   /* every value beside every point, those of a value together */
   for (integer i = 0; i < count; ++i)
     for (integer k = 0; k < q; ++k) {
@@ -413,7 +188,7 @@ static integer update_sigma(const Filter* f, const Sensor* s, integer count, dou
   }
   if (!used) return 0;
   /* compressed: R = L' of [H | y], and what no state explains */
-  u->triangle(rows, used * dim, w, w, 1, R);
+  f->triangle(rows, used * dim, w, w, 1, R);
   const double residual = R[q * w + q] * R[q * w + q];
   /* [H mixing, y; 1, 0]: its triangle holds U and the shift */
   memset(block, 0, 2 * w * w * sizeof(double));
@@ -428,7 +203,7 @@ static integer update_sigma(const Filter* f, const Sensor* s, integer count, dou
     row[q] = R[q * w + i];
     block[(q + i) * w + i] = 1;
   }
-  u->triangle(block, 2 * q, w, w, 1, U); /* U [w][w] is the transpose: U'[j][i] */
+  f->triangle(block, 2 * q, w, w, 1, U); /* U [w][w] is the transpose: U'[j][i] */
   double log_root = 0;
   for (integer j = 0; j < q; ++j) log_root += log(fabs(U[j * w + j]));
   *nis = U[q * w + q] * U[q * w + q] + residual;
@@ -447,7 +222,7 @@ static integer update_sigma(const Filter* f, const Sensor* s, integer count, dou
       error[a] += U[q * w + r + 1 + j] * z[a];
     }
   }
-  u->triangle(root, n, n, n, 1, factor);
+  f->triangle(root, n, n, n, 1, factor);
   const double *state[] = {x, error}, *shift[] = {error};
   const integer one[] = {0, 0};
   double *const point[] = {mean}, *const matrix[] = {J};
@@ -464,18 +239,61 @@ static integer update_sigma(const Filter* f, const Sensor* s, integer count, dou
   return used;
 }
 
+/* `MultiplicativeFilter.predict` of a first-order filter from mean x and factor S [size][size], of which the state has the first n
+ * rows and the others do not change with time: to mean, factor, transition [n][n] and noise factor [n][k] after dt. `stretch` of
+ * `widen`, before this step and after it. 0 where it needs more than what is built: then nothing is done. */
+integer predict_belief(const Filter* f, double dt, const double* x, const double* S, integer size, double* stretch, double* mean,
+                       double* after, double* transition, double* noise) {
+  const integer n = f->n, k = f->noise, widening = widening_room(f, size), stepping = step_room(f);
+  if (!(dt > 0) || (size > n && (!f->triangle || size > LARGEST_FACTOR))) return 0;
+  double* room = malloc((size * size + (size + k) * size + (widening > stepping ? widening : stepping)) * sizeof(double));
+  if (!room) return 0;
+  double *wide = room, *rows = wide + size * size, *rest = rows + (size + k) * size, within[] = {stretch[0], stretch[1]};
+  const Step at = parts_of(f, rest);
+  memcpy(wide, S, size * size * sizeof(double));
+  const int done = widen(f, dt, x, wide, size, within, rest) && linearise_step(f, dt, x, &at);
+  if (done) {
+    if (size == n) {
+      f->propagate(wide, at.transition, at.noise, k, after);
+    } else {
+      /* the triangle of [F S1 G; S2 0]', S1 the rows of the state: row j is column j of that */
+      memset(rows, 0, (size + k) * size * sizeof(double));
+      for (integer i = 0; i < n; ++i) {
+        for (integer r = 0; r < n; ++r) {
+          const double phi = at.transition[i * n + r];
+          if (phi != 0)
+            for (integer j = 0; j < size; ++j) rows[j * size + i] += phi * wide[r * size + j];
+        }
+        for (integer b = 0; b < k; ++b) rows[(size + b) * size + i] = at.noise[i * k + b];
+      }
+      for (integer i = n; i < size; ++i)
+        for (integer j = 0; j < size; ++j) rows[j * size + i] = wide[i * size + j];
+      f->triangle(rows, size + k, size, size, 1, after);
+    }
+    memcpy(mean, at.after, f->point * sizeof(double));
+    memcpy(transition, at.transition, n * n * sizeof(double));
+    memcpy(noise, at.noise, n * k * sizeof(double));
+    stretch[0] = within[0] - dt;
+    stretch[1] = within[1];
+  }
+  free(room);
+  return done;
+}
+
 /* Values of a sensor's latest measurement. */
 typedef struct {
   const double* values;
   integer count;
 } Last;
 
-/* Takes in epochs until one needs what only single epochs do: it is left undone. Returns how many were taken in. most: values of
- * a sensor in an epoch at most; width: most numbers of a linearised value. */
+/* Takes in epochs until one needs what only single epochs do: it is left undone. Returns how many were taken in. most: values of a
+ * sensor in an epoch at most; width: most numbers of a linearised value; `stretch` of `widen`, of which those taken in are passed.
+ * */
 integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer epochs, const double* dt, const double* mean,
-                const double* factor, integer most, integer width, const Rows* to) {
-  const integer n = f->n, m = f->point;
-  const integer predicting = step_room(f), making = 3 + 2 * n + 3 * n * n + m, updating = update_room(f, most, MOST_DIM);
+                const double* factor, integer most, integer width, double* stretch, const Rows* to) {
+  const integer n = f->n, m = f->point, widening = widening_room(f, n);
+  const integer predicting = step_room(f) > widening ? step_room(f) : widening;
+  const integer making = 3 + 2 * n + 3 * n * n + m, updating = update_room(f, most, MOST_DIM);
   double* all = malloc((m + n * n + predicting + making + 2 * most * width + updating) * sizeof(double));
   integer* index = f->sigma ? malloc(2 * (most * f->sigma->points + 1) * sizeof(integer)) : 0;
   Last* last = malloc((sensors + 1) * sizeof(Last));
@@ -495,7 +313,10 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
   for (; done < epochs; ++done) {
     double nis = 0, likelihood = 0;
     integer dof = 0, accepted = 0, rejected = 0, i = 0;
-    if (dt[done] > 0 && !(f->sigma ? predict_sigma : predict)(f, dt[done], x, S, room)) break; /* a belief may be of the first epoch itself */
+    double within[] = {stretch[0], stretch[1]}; /* the stretch, this epoch included */
+    if (!widen(f, dt[done], x, S, n, within, room)) break;
+    /* a belief may be of the first epoch itself */
+    if (dt[done] > 0 && !(f->sigma ? predict_sigma : predict)(f, dt[done], x, S, room)) break;
     /* sensors in turn, each on the state after the one before */
     for (; i < sensors; ++i) {
       const Sensor* s = sensor + i;
@@ -536,6 +357,8 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
     to->dof[done] = dof;
     to->accepted[done] = accepted;
     to->rejected[done] = rejected;
+    stretch[0] = within[0] - dt[done];
+    stretch[1] = within[1];
   }
   free(all);
   free(last);

@@ -26,21 +26,23 @@ from spinfilters.filters.compiled_steps import (
     compiled_update,
 )
 from spinfilters.filters.estimator import COUNTS, EpochRun, ProcessModel, SensorTimeline
+from spinfilters.filters.flow_curvature import LONGEST_PAUSE, LONGEST_STEP, NEGLIGIBLE, SOFT, FlowCurvature
 from spinfilters.filters.iterated_update import SAMPLE as LINEAR_SAMPLE
 from spinfilters.filters.iterated_update import SMALLEST_RANGE, IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPoints
-from spinfilters.filters.noise_levels import NoiseAdaptation
+from spinfilters.filters.noise_levels import NoiseAdaptation, PredictedMotion
 from spinfilters.filters.outlier_rejection import AGREEING_SHARE, FEWEST_DUPLICATES, OutlierRejection
 from spinfilters.filters.outlier_rejection import SAMPLE as DUPLICATE_SAMPLE
 from spinfilters.filters.square_root import LARGEST_TRIANGLE, covariance_factor_address
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import LinearisedLoops
-from spinfilters.models.state_blocks import ATTITUDE
+from spinfilters.models.state_blocks import ATTITUDE, MASS_DISTRIBUTION
 from spinfilters.models.state_layout import StateLayout
 
 _SIGNATURES: Final = {
-    "take_in": Signature("pip" + "ip" + "pp" + "iip", ctypes.c_longlong),
+    "take_in": Signature("pip" + "ip" + "pp" + "iipp", ctypes.c_longlong),
     "spread": Signature("pdpp" + "pppp", ctypes.c_longlong),
+    "predict_belief": Signature("pdppip" + "pppp", ctypes.c_longlong),
 }
 ROWS: Final = ("mean", "factor", "nis", "log_likelihood", *COUNTS)
 
@@ -60,19 +62,39 @@ class _Sensor(ctypes.Structure):
     )
 
 
-class _Sigma(ctypes.Structure):
-    """`Sigma` of `epoch_run.c`."""
+class _ManyPoints(ctypes.Structure):
+    """`Points` of `filter_step.c`."""
 
     _fields_ = (
-        *((name, ctypes.c_longlong) for name in ("points", "constants", "fewest")),
-        *((name, ctypes.c_void_p) for name in ("offsets", "mean_weights", "root_weights")),
+        *((name, ctypes.c_longlong) for name in ("constants", "fewest")),
         *((name, ctypes.c_void_p) for name in ("retract", "local", "find_constants", "step", "step_error")),
-        *((name, ctypes.c_void_p) for name in ("triangle", "nothing")),
+        ("nothing", ctypes.c_void_p),
+    )
+
+
+class _Sigma(ctypes.Structure):
+    """`Sigma` of `filter_step.c`."""
+
+    _fields_ = (
+        ("points", ctypes.c_longlong),
+        *((name, ctypes.c_void_p) for name in ("offsets", "mean_weights", "root_weights")),
+    )
+
+
+class _FlowCurvature(ctypes.Structure):
+    """`Curvature` of `filter_step.c`."""
+
+    _fields_ = (
+        *((name, ctypes.c_longlong) for name in ("first", "count")),
+        *(
+            (name, ctypes.c_double)
+            for name in ("turn", "soft", "longest_step", "negligible", "longest_pause")
+        ),
     )
 
 
 class _Filter(ctypes.Structure):
-    """`Filter` of `epoch_run.c`."""
+    """`Filter` of `filter_step.c`."""
 
     _fields_ = (
         *((name, ctypes.c_longlong) for name in ("n", "point", "noise", "errors", "loop_count")),
@@ -81,7 +103,7 @@ class _Filter(ctypes.Structure):
         ("propagate", ctypes.c_void_p),
         *((name, ctypes.c_longlong) for name in ("attitude", "position", "place", "rate")),
         *((name, ctypes.c_double) for name in ("iteration", "nearest")),
-        ("sigma", ctypes.c_void_p),
+        *((name, ctypes.c_void_p) for name in ("points", "sigma", "curvature", "triangle")),
     )
 
 
@@ -126,12 +148,15 @@ class RunOptions:
         When an update must be iterated; of no use to an unscented filter.
     points : SigmaPoints or None
         Of an unscented filter.
+    curvature : FlowCurvature or None
+        When beliefs are widened; None: never. Epochs that are taken in are noted there.
     """
 
     noise_scales: Float[np.ndarray, " k"]
     levels: tuple[SensorLevel, ...]
     iteration: IterationOptions
     points: SigmaPoints | None = None
+    curvature: FlowCurvature | None = None
 
 
 def run_options(
@@ -141,6 +166,7 @@ def run_options(
     models: Sequence[MeasurementModel],
     iteration: IterationOptions | None = None,
     points: SigmaPoints | None = None,
+    curvature: FlowCurvature | None = None,
 ) -> RunOptions:
     """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""
     guards = [outliers.of(model.name) for model in models]
@@ -148,8 +174,8 @@ def run_options(
         SensorLevel(noise.measurement_scale(model.name), guard.limit(model.dim), guard.epochs.values)
         for model, guard in zip(models, guards, strict=True)
     )
-    scales = noise.scaled(layout, np.ones((1, MOST_NOISE)))[0]
-    return RunOptions(scales, levels, iteration or IterationOptions(1), points)
+    scales = noise.column_scales(layout)
+    return RunOptions(scales, levels, iteration or IterationOptions(1), points, curvature)
 
 
 def take_in(
@@ -179,10 +205,21 @@ def take_in(
         return 0
     dt, x, S = (np.ascontiguousarray(array, dtype=float) for array in (epochs.dt, mean, factor))
     places = (ctypes.c_void_p * len(ROWS))(*(address(rows[name]) for name in ROWS))
-    return call.library.take_in(
+    curvature = options.curvature or FlowCurvature()
+    stretch = curvature.stretch_left()
+    done = call.library.take_in(
         *(ctypes.addressof(call.filter), len(call.sensors), ctypes.addressof(call.sensors)),
-        *(len(dt), *map(address, (dt, x, S)), call.most, call.width, ctypes.addressof(places)),
+        *(
+            len(dt),
+            *map(address, (dt, x, S)),
+            call.most,
+            call.width,
+            address(stretch),
+            ctypes.addressof(places),
+        ),
     )
+    curvature.go_on(stretch)
+    return done
 
 
 class EpochCall(NamedTuple):
@@ -215,10 +252,13 @@ class EpochCall(NamedTuple):
             return None
         library, loops, propagation, updates = found
         given = [_RunArrays.of(*each) for each in zip(epochs.sensors, options.levels, strict=True)]
-        sigma = None if options.points is None else _sigma(process, options.points, len(loops.loops))
-        if options.points is not None and sigma is None:
+        points = _FilterPoints.of(process, len(loops.loops), options.points, options.curvature)
+        if points is None:
             return None
-        beside = [0 if sigma is None else part.every.model.innovations_beside.loop for part in epochs.sensors]
+        beside = [
+            0 if options.points is None else part.every.model.innovations_beside.loop
+            for part in epochs.sensors
+        ]
         sensors = [
             _sensor(update, each, level, loop or 0)
             for update, each, level, loop in zip(updates, given, options.levels, beside, strict=True)
@@ -227,11 +267,67 @@ class EpochCall(NamedTuple):
             return None
         scales = np.ascontiguousarray(options.noise_scales)
         chosen = _filter(process.layout, loops, scales, options.iteration, propagation.address)
-        chosen.sigma = 0 if sigma is None else ctypes.addressof(sigma[0])
+        points.add_to(chosen)
         most = max(int((part.end - part.first).max(initial=0)) for part in epochs.sensors)
         widths = [part.every.model.dim * (len(part.every.model.columns) + 1) + 2 for part in epochs.sensors]
-        kept = (given, loops, updates, scales, sigma)
+        kept = (given, loops, updates, scales, points)
         return cls(library, chosen, (_Sensor * len(sensors))(*sensors), most, max(widths), kept)
+
+
+class CompiledPrediction:
+    """Predictions of a first-order filter, each in one call."""
+
+    def __init__(
+        self, process: ProcessModel, library: ctypes.PyDLL, loops: LinearisedLoops, points: "_FilterPoints"
+    ) -> None:
+        propagation, n = compiled_propagation(process.layout.error_dim), process.layout.error_dim
+        self._predict, self._shapes = (
+            library.predict_belief,
+            ((process.layout.mean_dim,), (n, n), (n, loops.noise_dim)),
+        )
+        self._scales = np.ones(MOST_NOISE)
+        address_of = 0 if propagation is None else propagation.address
+        self._filter = _filter(process.layout, loops, self._scales, IterationOptions(1), address_of)
+        points.add_to(self._filter)
+        self._address, self._kept = ctypes.addressof(self._filter), (points, loops, propagation)
+
+    @classmethod
+    def of(cls, process: ProcessModel, curvature: FlowCurvature) -> "CompiledPrediction | None":
+        """For steps like those that were linearised so far; None where something compiled is missing."""
+        library, loops = _library(), process.linearised_loops()
+        if library is None or loops is None or loops.noise_dim > MOST_NOISE:
+            return None
+        points = _FilterPoints.of(process, len(loops.loops), None, curvature)
+        if points is None or compiled_propagation(process.layout.error_dim) is None:
+            return None
+        return cls(process, library, loops, points)
+
+    def __call__(
+        self,
+        mean: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        dt: float,
+        scales: Float[np.ndarray, " k"],
+        curvature: FlowCurvature,
+    ) -> PredictedMotion | None:
+        """The belief after dt; None where the step needs more than is built.
+
+        Parameters
+        ----------
+        scales : ndarray of float, shape (k,)
+            Factors of the columns of the noise factor.
+        curvature : FlowCurvature
+            Of the filter; it notes the step.
+        """
+        point, square, wide = self._shapes
+        made = PredictedMotion(np.empty(point), np.empty(factor.shape), np.empty(square), np.empty(wide))
+        x, S, stretch = np.ascontiguousarray(mean), np.ascontiguousarray(factor), curvature.stretch_left()
+        self._scales[: len(scales)] = scales
+        places = [address(array) for array in (x, S, stretch, *made)]
+        if not self._predict(self._address, dt, *places[:2], len(S), *places[2:]):
+            return None
+        curvature.go_on(stretch)
+        return made
 
 
 class CompiledSpread:
@@ -246,19 +342,21 @@ class CompiledSpread:
     def __init__(
         self, process: ProcessModel, points: SigmaPoints, library: ctypes.PyDLL, loops: LinearisedLoops
     ) -> None:
-        sigma = _sigma(process, points, len(loops.loops))
-        assert sigma is not None
+        found = _FilterPoints.of(process, len(loops.loops), points, None)
+        assert found is not None
         self._library, self.points, self._noise_dim = library, len(points.offsets), loops.noise_dim
         scales = np.ones(MOST_NOISE)
         self._filter = _filter(process.layout, loops, scales, IterationOptions(1), 0)
-        self._filter.sigma = ctypes.addressof(sigma[0])
-        self._address, self._kept = ctypes.addressof(self._filter), (sigma, scales, loops)
+        found.add_to(self._filter)
+        self._address, self._kept = ctypes.addressof(self._filter), (found, scales, loops)
 
     @classmethod
     def of(cls, process: ProcessModel, points: SigmaPoints) -> "CompiledSpread | None":
         """For steps like those that were linearised so far; None where something compiled is missing."""
         library, loops = _library(), process.linearised_loops()
-        if library is None or loops is None or _sigma(process, points, len(loops.loops)) is None:
+        if library is None or loops is None:
+            return None
+        if _FilterPoints.of(process, len(loops.loops), points, None) is None:
             return None
         return cls(process, points, library, loops)
 
@@ -337,26 +435,57 @@ def _sensor(update: CompiledUpdate, given: _RunArrays, level: SensorLevel, besid
     )
 
 
-def _sigma(
-    process: ProcessModel, points: SigmaPoints, limits: int
-) -> tuple[_Sigma, tuple[np.ndarray, ...]] | None:
-    """Sigma points as C reads them, and the arrays behind; None where something compiled is missing."""
-    layout, steps, triangle = process.layout, process.step_loops(), covariance_factor_address()
-    retract, local = layout.many_retractions.loop, layout.many_differences.loop
-    # rows of sigma points have a column for each point and one for the innovation
-    if None in (steps, triangle, retract, local) or len(points.offsets) >= LARGEST_TRIANGLE:
-        return None
-    assert steps is not None
-    offsets, mean_weights, root_weights = arrays = tuple(
-        np.ascontiguousarray(array) for array in (points.offsets, points.mean_weights, points.root_weights)
-    )
-    nothing = np.zeros(steps.fewest << limits)
-    made = _Sigma(
-        *(len(offsets), steps.constant_dim, steps.fewest),
-        *map(address, (offsets, mean_weights, root_weights)),
-        *(retract, local, steps.constants, steps.substeps, steps.error, triangle, address(nothing)),
-    )
-    return made, (*arrays, nothing)
+class _FilterPoints(NamedTuple):
+    """Points that a filter steps side by side, as C reads them; nothing of a filter without any."""
+
+    triangle: int = 0
+    points: _ManyPoints | None = None
+    sigma: _Sigma | None = None
+    curvature: _FlowCurvature | None = None
+    kept: tuple[np.ndarray, ...] = ()
+
+    @classmethod
+    def of(
+        cls, process: ProcessModel, limits: int, sigma: SigmaPoints | None, curvature: FlowCurvature | None
+    ) -> "_FilterPoints | None":
+        """Of an unscented filter, or one whose beliefs are widened; None where something compiled is missing."""
+        if curvature is not None and not curvature.widens:
+            curvature = None
+        triangle = covariance_factor_address()
+        if sigma is None and curvature is None:
+            return cls(triangle or 0)
+        layout, steps = process.layout, process.step_loops()
+        retract, local = layout.many_retractions.loop, layout.many_differences.loop
+        if steps is None or triangle is None or retract is None or local is None:
+            return None
+        nothing = np.zeros(steps.fewest << limits)
+        points = _ManyPoints(
+            *(steps.constant_dim, steps.fewest, retract, local),
+            *(steps.constants, steps.substeps, steps.error, address(nothing)),
+        )
+        widened = None if curvature is None else _curvature(layout, curvature)
+        if sigma is None:
+            return cls(triangle, points, None, widened, (nothing,))
+        # rows of sigma points have a column for each point and one for the innovation
+        if len(sigma.offsets) >= LARGEST_TRIANGLE:
+            return None
+        arrays = [
+            np.ascontiguousarray(array) for array in (sigma.offsets, sigma.mean_weights, sigma.root_weights)
+        ]
+        chosen = _Sigma(len(sigma.offsets), *map(address, arrays))
+        return cls(triangle, points, chosen, widened, (nothing, *arrays))
+
+    def add_to(self, of: _Filter) -> None:
+        """Let a filter use them, as long as they are kept."""
+        parts = (self.points, self.sigma, self.curvature)
+        of.points, of.sigma, of.curvature = (0 if part is None else ctypes.addressof(part) for part in parts)
+        of.triangle = self.triangle
+
+
+def _curvature(layout: StateLayout, curvature: FlowCurvature) -> _FlowCurvature:
+    soft = layout.slice(MASS_DISTRIBUTION.name) if layout.has(MASS_DISTRIBUTION) else slice(0, 0)
+    limits = (SOFT, LONGEST_STEP, NEGLIGIBLE, LONGEST_PAUSE)
+    return _FlowCurvature(soft.start, soft.stop - soft.start, curvature.turn, *limits)
 
 
 def _filter(
@@ -378,7 +507,6 @@ def _filter(
         layout.mean_slice("w").start,
         math.inf if iteration.iterations == 1 else iteration.tolerance,
         SMALLEST_RANGE,
-        0,
     )
 
 
@@ -388,7 +516,11 @@ def _library() -> ctypes.PyDLL | None:
 
 
 def epoch_run_text() -> str:
-    """C text of `epoch_run.c` with its numbers, to be continued."""
+    """C text of `epoch_run.c` with what stands before it, to be continued."""
     numbers = f"FEWEST_DUPLICATES = {FEWEST_DUPLICATES}, DUPLICATE_SAMPLE = {DUPLICATE_SAMPLE}, LINEAR_SAMPLE = {LINEAR_SAMPLE}"
+    parts = [
+        files("spinfilters.filters").joinpath(name).read_text()
+        for name in ("filter_step.c", "flow_curvature.c", "epoch_run.c")
+    ]
     text = f"enum {{ {numbers} }};\nstatic const double AGREEING_SHARE = {AGREEING_SHARE};\n"
-    return text + files("spinfilters.filters").joinpath("epoch_run.c").read_text()
+    return text + "".join(parts)

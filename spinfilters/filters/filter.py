@@ -236,13 +236,28 @@ class MultiplicativeFilter(Estimator):
         """
         self._outliers.pass_time()
         self._adaptation.observe_motion(self.layout, self.mean, self.factor[: self._n])
+        predicted = self.predict_belief(dt)
+        self.mean, self.factor = predicted.mean, predicted.factor
+        self._adaptation.expect_motion(self.layout, predicted)
+
+    def predict_belief(self, dt: float) -> PredictedMotion:
+        """The belief after ``dt`` seconds, with its transition and noise.
+
+        Parameters
+        ----------
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        PredictedMotion
+            Mean, covariance factor, transition and scaled noise factor.
+        """
         self.factor = self._curvature.widened(self.process, self.mean, self.factor, dt)
         step = self.linearise_process(dt)  # EKF: derivatives at the mean; UKF: regression over sigma points
         noise = self._adaptation.scaled(self.layout, step.noise)
-        self.mean, self.factor = step.mean, propagate_factor(self.factor, step, noise)
-        predicted = PredictedMotion(self.mean, self.factor, step.transition, noise)
-        self._adaptation.expect_motion(self.layout, predicted)
-        self._curvature.pass_steps(np.array([dt]))
+        self._curvature.pass_step(dt)
+        return PredictedMotion(step.mean, propagate_factor(self.factor, step, noise), step.transition, noise)
 
     def update(self, measurement: Measurement) -> UpdateReport:
         """Correct mean and covariance by one sensor's values; values that only repeat those of the last epoch count as rejected.
@@ -417,8 +432,6 @@ class MultiplicativeFilter(Estimator):
         count = min(len(epochs.dt), self._adaptation.constant_predictions(names))
         if self._held is not None or not count:
             return 0
-        self.factor = self._curvature.widened(self.process, self.mean, self.factor, float(epochs.dt[0]))
-        count = min(count, self._curvature.steps_in_stretch(epochs.dt))
         parts = tuple(
             replace(part, first=part.first[:count], end=part.end[:count]) for part in epochs.sensors
         )
@@ -426,7 +439,6 @@ class MultiplicativeFilter(Estimator):
         if done:
             self.mean, self.factor = rows["mean"][done - 1].copy(), rows["factor"][done - 1].copy()
             self._adaptation.count_predictions(done)
-            self._curvature.pass_steps(epochs.dt[:done])
             for part, guard in zip(parts, map(self._outliers.of, names), strict=True):
                 measured = np.flatnonzero(part.end[:done] > part.first[:done])
                 if not measured.size:

@@ -46,15 +46,25 @@ class FlowCurvature:
     ----------
     turn : float
         Angle by which the body turns in a stretch, rad; infinite of a filter of first order.
+
+    Attributes
+    ----------
+    turn : float
+        The same.
     """
 
     def __init__(self, turn: float = np.inf) -> None:
-        self._turn = turn
+        self.turn = turn
         self.begin()
+
+    @property
+    def widens(self) -> bool:
+        """Whether it ever widens a belief."""
+        return bool(np.isfinite(self.turn))
 
     def begin(self) -> None:
         """Begin with a new belief."""
-        self._left = 0.0 if np.isfinite(self._turn) else np.inf  # infinite: no belief to come is widened
+        self._left = 0.0 if self.widens else np.inf  # infinite: no belief to come is widened
         self._pause = 1
 
     def widened(
@@ -83,7 +93,7 @@ class FlowCurvature:
 
     def stretch(self, rate: float, dt: float) -> float:
         """Duration (s) of a stretch at a rate (rad/s), of no less than a step."""
-        return max(self._turn / rate, dt) if rate else dt
+        return max(self.turn / rate, dt) if rate else dt
 
     def begin_stretch(self, stretch: float, is_negligible: bool) -> None:
         """Note that a stretch begins, and whether its terms count."""
@@ -104,21 +114,33 @@ class FlowCurvature:
         if len(dt):
             self._left = float(self._left_after(dt)[-1])
 
+    def pass_step(self, dt: float) -> None:
+        """Note that a step was made, of this duration."""
+        self._left -= dt
+
     def _left_after(self, dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Seconds left of the stretch after each step, to the bits of one after the other."""
         return np.subtract.accumulate(np.concatenate([[self._left], dt]))[1:]
 
     def begun(self) -> "FlowCurvature":
         """The same of another run, from its begin on."""
-        return FlowCurvature(self._turn)
+        return FlowCurvature(self.turn)
+
+    def stretch_left(self) -> Float[np.ndarray, "2"]:
+        """Seconds until the next stretch begins, and the pause in stretches."""
+        return np.array([self._left, self._pause])
+
+    def go_on(self, left: Float[np.ndarray, "2"]) -> None:
+        """Go on within a stretch, as of `stretch_left`."""
+        self._left, self._pause = float(left[0]), int(left[1])
 
     def snapshot(self) -> Snapshot:
-        """Seconds until the next stretch begins, and the pause in stretches."""
-        return {LEFT: np.array([self._left, self._pause])}
+        """What is left of a stretch."""
+        return {LEFT: self.stretch_left()}
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go on from a snapshot."""
-        self._left, self._pause = float(snapshot[LEFT][0]), int(snapshot[LEFT][1])
+        self.go_on(snapshot[LEFT])
 
 
 def widened_runs(

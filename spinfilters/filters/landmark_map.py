@@ -21,7 +21,14 @@ from spinfilters.core.errors import InputError
 from spinfilters.filters.compiled_steps import steps_of
 from spinfilters.filters.estimator import NO_IDS, LandmarkBelief, MapChange, Measurement
 from spinfilters.filters.landmark_observations import SolvedObservations
-from spinfilters.filters.landmark_steps import SLOTS, Closing, LandmarkArrays, MapObservations, next_epoch
+from spinfilters.filters.landmark_steps import (
+    FIRST_ROOM,
+    SLOTS,
+    Closing,
+    LandmarkArrays,
+    MapObservations,
+    next_epoch,
+)
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.square_root import Correction
 from spinfilters.models.gauge import GAUGE_DIM
@@ -35,6 +42,45 @@ WRONG_IN_A_ROW = 3
 """Observations in a row outside the gate after which the landmark, not the observations, is taken to be wrong."""
 FIELDS = ("ids", "points", "modes", "roots", "epoch", "hits", "wrong", "last")
 TRANSFORMATIONS = ("transform", "spread", "shift", "attitude")
+LARGEST_TABLE = 1 << 18
+"""Ids from zero on whose rows are found in a table, of 2 MB at most; others are looked up one by one."""
+
+
+class RowsOfIds:
+    """Rows of landmarks by their ids."""
+
+    def __init__(self) -> None:
+        self._rows: dict[int, int] = {}
+        self._table = np.full(FIRST_ROOM, -1)  # the same of small ids, -1 where there is none
+
+    def find(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
+        """Row of every id, -1 where there is none."""
+        if self._are_in_table(ids):
+            return self._table[ids]
+        return self._look_up(ids)
+
+    def note(self, ids: Int[np.ndarray, " q"], rows: Int[np.ndarray, " q"]) -> None:
+        """Give ids these rows, whether or not they had others."""
+        self._rows.update(zip(ids.tolist(), rows.tolist(), strict=True))
+        small = ids[(ids >= 0) & (ids < LARGEST_TABLE)]
+        largest = int(small.max(initial=0))
+        if largest >= len(self._table):
+            room = min(max(2 * len(self._table), largest + 1), LARGEST_TABLE)
+            self._table = np.concatenate([self._table, np.full(room - len(self._table), -1)])
+        self._table[small] = rows if len(small) == len(ids) else self._look_up(small)
+
+    def forget(self, ids: Int[np.ndarray, " q"]) -> None:
+        """Remove ids."""
+        for key in ids.tolist():
+            del self._rows[key]
+        self._table[ids[(ids >= 0) & (ids < len(self._table))]] = -1
+
+    def _are_in_table(self, ids: Int[np.ndarray, " q"]) -> bool:
+        # a negative id is large as a number without sign
+        return ids.dtype == np.int64 and len(ids) > 0 and int(ids.view(np.uint64).max()) < len(self._table)
+
+    def _look_up(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
+        return np.fromiter(map(self._rows.get, ids.tolist(), repeat(-1)), np.int64, len(ids))
 
 
 class LandmarkMap(LandmarkArrays):
@@ -42,14 +88,14 @@ class LandmarkMap(LandmarkArrays):
 
     def __init__(self, rank: int, precision: str = "float64") -> None:
         super().__init__(rank, precision, steps_of(rank, precision))
-        self._rows: dict[int, int] = {}
+        self._rows = RowsOfIds()
 
     def __len__(self) -> int:
         return self.count
 
     def locate(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
         """Row of every id, -1 where the map does not hold it."""
-        return np.fromiter(map(self._rows.get, ids.tolist(), repeat(-1)), np.int64, len(ids))
+        return self._rows.find(ids)
 
     def append(
         self,
@@ -73,7 +119,7 @@ class LandmarkMap(LandmarkArrays):
         values = (ids, points, modes, roots, self.now, confirmed, 0, self.now)
         for name, value in zip(FIELDS, values, strict=True):
             getattr(self, name)[begin:end] = value
-        self._rows.update(zip(ids.tolist(), range(begin, end), strict=True))
+        self._rows.note(ids, np.arange(begin, end))
         self.count = end
 
     def refuse(self, rows: Int[np.ndarray, " q"]) -> Int[np.ndarray, " m"]:
@@ -101,9 +147,8 @@ class LandmarkMap(LandmarkArrays):
             array = getattr(self, name)
             array[holes] = array[movers]
         self.count = count
-        for key in removed.tolist():
-            del self._rows[key]
-        self._rows.update(zip(self.ids[holes].tolist(), holes.tolist(), strict=True))
+        self._rows.forget(removed)
+        self._rows.note(self.ids[holes], holes)
         return removed
 
     def stalest(self, largest: int) -> Int[np.ndarray, " q"]:
@@ -164,7 +209,7 @@ class LandmarkMap(LandmarkArrays):
             setattr(result, name, snapshot[f"map.{name}"].copy())
         result.now, result.turn = int(snapshot["map.now"]), int(snapshot["map.turn"])
         result.count = len(modes)
-        result._rows = {key: row for row, key in enumerate(result.ids[: result.count].tolist())}
+        result._rows.note(result.ids[: result.count], np.arange(result.count))
         return result
 
     def _make_room(self, wanted: int) -> None:

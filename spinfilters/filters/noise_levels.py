@@ -294,14 +294,18 @@ class NoiseAdaptation:
 
     def scaled(self, layout: StateLayout, noise: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
         """The noise factor of a process over this layout with its columns scaled."""
-        sources = noise_columns(layout.blocks)
-        scales = {source: self.process_scale(source) for source in sources}
-        if all(scale == 1.0 for scale in scales.values()):
-            return noise
-        result = noise.copy()
-        for source, columns in sources.items():
-            result[:, columns] *= np.sqrt(scales[source])
-        return result
+        scales = self.column_scales(layout)
+        return noise if (scales == 1.0).all() else noise * scales
+
+    def column_scales(self, layout: StateLayout) -> Float[np.ndarray, " k"]:
+        """Factors of the columns of the noise factor of a process over this layout."""
+        columns = noise_columns(layout.blocks)
+        scales = np.ones(max(at.stop for at in columns.values()))
+        for source, at in columns.items():
+            scale = self.process_scale(source)
+            if scale != 1.0:
+                scales[at] = np.sqrt(scale)
+        return scales
 
     def observe_measurement(self, sensor: str, correction: UpdateOutcome) -> None:
         """Learn a sensor's scale from its update, which was made with `measurement_scale`."""

@@ -26,7 +26,7 @@ from spinfilters.inference.noise_model import (
 from spinfilters.smoother.batch_smoother import GATE
 from spinfilters.smoother.landmark_factors import LinearObservations
 from spinfilters.smoother.linear_system import Marginals
-from spinfilters.smoother.motion_factors import EpochRows, SensorRows
+from spinfilters.smoother.motion_factors import SensorRows
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem, Stage
 from spinfilters.smoother.solver import GaussNewton, advanced
 
@@ -106,7 +106,7 @@ class WorkingSolutions:
         for k, (sensor, u) in enumerate(zip(motion.sensors, right.sensors, strict=True)):
             if not u.any():
                 continue
-            rows = EpochRows(here.sensor_rows(motion, k).rows, sensor.epoch)
+            rows = here.sensor_rows(motion, k).by_epoch
             columns = motion.sensor_columns(sensor)[:-1]
             gradient[:, columns] += rows.gradient(u[:, :, None], len(gradient))[:, :, 0]
         epochs[:, :, -1] = epochs[:, -1, :] = gradient
@@ -211,7 +211,7 @@ def identify(
     first : (c,) float array or None
         Ln variances to begin from; None for those of the median residuals.
     """
-    theta = model.first(model.problem.at(trajectory, points)) if first is None else first
+    theta = model.first(trajectory, points) if first is None else first
     best = _optimum(model, trajectory, points, theta)
     for _ in range(MOST_MASKED):
         suspect = None if best is None else _find_suspect(best.residuals)

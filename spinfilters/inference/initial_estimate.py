@@ -269,7 +269,8 @@ def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> Initi
     nothing = np.full((len(here.trajectory), n, n), np.nan)
     cost, dof, accepted, refused = here.sensors.cost + here.dynamics.cost, 0, 0, {}
     for k, sensor in enumerate(problem.motion.sensors):
-        _, costs, square, _ = here.sensor_rows(problem.motion, k)
+        found = here.sensor_rows(problem.motion, k)
+        costs, square = found.costs, found.squares
         inliers = (here.pose_only_loss or LeastSquares()).weight(square) > 0
         cost += float(square[inliers].sum() - costs.sum())
         accepted += int(np.count_nonzero(inliers))

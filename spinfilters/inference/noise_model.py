@@ -13,6 +13,7 @@ theirs are r = |W'(y - J e)|^2 and S = tr W'(I - J P J') W.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -21,8 +22,9 @@ from spinfilters.core.chi_square import chi_square_median, chi_square_tail
 from spinfilters.filters.noise_levels import ComponentRows
 from spinfilters.io.disturbances import DENSITIES, noise_columns
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.smoother.landmark_factors import linearise_observations
 from spinfilters.smoother.linear_system import Marginals
-from spinfilters.smoother.motion_factors import NOISE_FLOOR, EpochRows, SensorRows, prior_rows
+from spinfilters.smoother.motion_factors import NOISE_FLOOR, SensorRows, prior_rows
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
 
 
@@ -85,20 +87,19 @@ class NoiseModel:
         )
         return NoiseModel(self.scaled(log_variance), components, self.densities)
 
-    def first(self, here: LinearizationPoint) -> Float[np.ndarray, " c"]:
+    def first(
+        self, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
+    ) -> Float[np.ndarray, " c"]:
         """Initial ln variances, from the median residual of every sensor component; zero (as stated) for disturbances."""
-        found = self.stated
+        found, motion, observations = self.stated, self.problem.motion, self.problem.observations
+        linear = None if observations is None else linearise_observations(observations, trajectory, points)
+        made = [motion.sensor_rows(sensor, trajectory).rows for sensor in motion.sensors]
         for k, each in enumerate(self.components):
-            squares = [
-                self.problem.motion.sensor_rows(self.problem.motion.sensors[s], here.trajectory)[0][
-                    :, list(rows), -1
-                ]
-                for s, rows in each.sensors.items()
-            ]
+            squares = [made[s][:, list(rows), -1] for s, rows in each.sensors.items()]
             ratio = [np.nanmedian(part**2) / chi_square_median(1) for part in squares if part.size]
-            if each.landmarks and here.linear is not None and self.problem.observations is not None:
-                dim = max(group.model.dim for group in self.problem.observations.groups)
-                ratio.append(float(np.median(here.linear.square)) / chi_square_median(dim))
+            if each.landmarks and linear is not None and observations is not None:
+                dim = max(group.model.dim for group in observations.groups)
+                ratio.append(float(np.median(linear.square)) / chi_square_median(dim))
             good = [value for value in ratio if np.isfinite(value) and value > 0]
             found[k] = np.log(max(good)) if good else 0.0
         return found
@@ -145,14 +146,19 @@ class Residuals:
         S, likewise.
     sources : tuple[WhitenedRows, ...]
         Whitened residuals as each of them explains them: the working variable of the average information.
-    deleted : tuple[(r,) float array, ...]
-        Of every sensor without landmarks, probability of larger residuals of each measurement about states of all others.
+    sensors : tuple[SensorResiduals, ...]
+        Of every sensor without landmarks.
     """
 
     squares: Float[np.ndarray, " c"]
     redundancy: Float[np.ndarray, " c"]
     sources: tuple["WhitenedRows", ...]
-    deleted: tuple[Float[np.ndarray, " _"], ...]
+    sensors: tuple["SensorResiduals", ...]
+
+    @cached_property
+    def deleted(self) -> tuple[Float[np.ndarray, " _"], ...]:
+        """Of every such sensor, probability of larger residuals of each measurement about states of all others."""
+        return tuple(each.deleted for each in self.sensors)
 
 
 @dataclass(frozen=True)
@@ -223,8 +229,7 @@ def residuals_of(
         squares.append(float(np.vdot(explained, explained)))
         redundancy.append(steps.redundancy(W))
         sources.append(replace(nothing, steps=np.einsum("kdi,ki->kd", W, explained)))
-    deleted = tuple(each.deleted for each in sensors)
-    return Residuals(np.array(squares), np.array(redundancy), tuple(sources), deleted)
+    return Residuals(np.array(squares), np.array(redundancy), tuple(sources), tuple(sensors))
 
 
 def deleted_residuals(
@@ -254,7 +259,7 @@ class StepsAfter:
 
 
 @dataclass(frozen=True)
-class _SensorAfter:
+class SensorResiduals:
     """Whitened residuals (r, i) of a sensor, their redundancy 1 - diag(J P J') and the sum of diag(J P J').
 
     The redundancy is 0 where a measurement is not used.
@@ -294,8 +299,7 @@ def _explained_steps(
 def _explained_by_sensor(
     problem: Problem, here: LinearizationPoint, errors: Float[np.ndarray, "k n"], number: int
 ) -> Float[np.ndarray, "r i"]:
-    sensor = problem.motion.sensors[number]
-    rows = EpochRows(here.sensor_rows(problem.motion, number).rows, sensor.epoch)
+    sensor, rows = problem.motion.sensors[number], here.sensor_rows(problem.motion, number).by_epoch
     return rows.products(errors[:, sensor.model.columns, None])[:, :, 0]
 
 
@@ -320,7 +324,7 @@ def steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals
 
 
 def _sensor_residuals(
-    of: ComponentRows, sensors: Sequence[_SensorAfter], nothing: WhitenedRows
+    of: ComponentRows, sensors: Sequence[SensorResiduals], nothing: WhitenedRows
 ) -> tuple[list[np.ndarray], float]:
     """Residuals of the pose-only sensors that a component is of, others zero, and their redundancy."""
     chosen, free = list(nothing.sensors), 0.0
@@ -333,14 +337,14 @@ def _sensor_residuals(
 
 def _sensor_after(
     problem: Problem, here: LinearizationPoint, marginals: Marginals, number: int
-) -> _SensorAfter:
+) -> SensorResiduals:
     sensor, made = problem.motion.sensors[number], here.sensor_rows(problem.motion, number)
-    each = EpochRows(made.rows, sensor.epoch)
+    each = made.by_epoch
     # leverage of each component i of a row r: (J P J')_ii, with P = F F' of the row's epoch
     factors = marginals.factors[:, sensor.model.columns]
-    leverage = np.einsum("rij,rij->ri", each.products(factors @ factors.swapaxes(1, 2)), each.jacobian)
+    leverage = each.variances(factors @ factors.swapaxes(1, 2))
     rest = made.rows[:, :, -1] - _explained_by_sensor(problem, here, marginals.solution.errors, number)
-    return _SensorAfter(rest, made.counted[:, None] - leverage, float(leverage.sum()))
+    return SensorResiduals(rest, made.counted[:, None] - leverage, float(leverage.sum()))
 
 
 def _prior_leverage(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> float:

@@ -170,7 +170,7 @@ class IdleAnnealing:
         loss, motion = stage.pose_only_loss, self.problem.motion
         if loss is None:
             return False
-        squares = (here.sensor_rows(motion, k)[2] for k in range(len(motion.sensors)))
+        squares = (here.sensor_rows(motion, k).squares for k in range(len(motion.sensors)))
         return all(bool((loss.weight(each) == 1.0).all()) for each in squares)
 
 

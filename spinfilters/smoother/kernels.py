@@ -17,7 +17,10 @@ from spinfilters.core.c_library import (
     with_signatures,
 )
 
-SOURCES = ("kernels.h", "landmarks.c", "velocities.c", "roots.c", "linearise.c", "solve.c")
+SOURCES = (
+    *("kernels.h", "landmarks.c", "velocities.c", "roots.c"),
+    *("epoch_rows.c", "chain.c", "linearise.c", "solve.c"),
+)
 _SIGNATURES = {
     "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppppp", ctypes.c_int),
     "follow_poses": Signature("i" + "pppppppp", None),
@@ -28,6 +31,11 @@ _SIGNATURES = {
     "solve_velocities": Signature("iiiiii" + "pppppp", None),
     "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
     "root_of_rows": Signature("ii" + "p", ctypes.c_longlong),
+    "weigh_rows": Signature("ipii" + "pppppp", None),
+    "row_products": Signature("ipi" + "pp", None),
+    "row_variances": Signature("ipi" + "ppp", None),
+    "chain_forward": Signature("iii" + "ppp", None),
+    "chain_backward": Signature("iii" + "ppp", None),
     "linearise_steps": Signature("ppi" + "ppp" + "ip" + "iipp" + "d" + "ppppp", ctypes.c_double),
     "linearise_observations": Signature("pi" + "pppppp" + "iii" + "d" + "ppp", None),
     "rows_at_first": Signature("pppp" + "iip", ctypes.c_int),

@@ -296,7 +296,7 @@ def _rows_of_epoch(
                 values=sensor.values[here],
                 parameters=sensor.parameters[here],
             )
-            rows = motion.sensor_rows(mine, trajectory)[0]
+            rows = motion.sensor_rows(mine, trajectory).rows
             whole = np.zeros((rows.shape[0] * rows.shape[1], motion.process.layout.error_dim + 1))
             whole[:, motion.sensor_columns(mine)] = rows.reshape(-1, rows.shape[2])
             parts.append(whole)

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -15,95 +14,10 @@ from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.timeline import Timeline, by_sensor, times_of
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import LinearisedSteps
+from spinfilters.smoother.epoch_rows import EpochRows, weigh_rows
 from spinfilters.smoother.kernels import kernels
 from spinfilters.smoother.linearisation_kernels import charts_of, many_steps
 from spinfilters.smoother.priors import StatePrior, VariableOrdering
-
-
-@dataclass(frozen=True)
-class EpochRows:
-    """Rows [J | y] of measurements in the order of their epochs.
-
-    Products are those of whole epochs: of single landmarks, added up afterwards, they take ten to fifty times as long.
-
-    Attributes
-    ----------
-    rows : ndarray of float, shape (r, i, c1)
-        Contiguous.
-    epoch : ndarray of int, shape (r,)
-        Ascending.
-    """
-
-    rows: Float[np.ndarray, "r i c1"]
-    epoch: Int[np.ndarray, " r"]
-
-    @property
-    def jacobian(self) -> Float[np.ndarray, "r i c"]:
-        """J."""
-        return self.rows[:, :, :-1]
-
-    @cached_property
-    def first(self) -> Int[np.ndarray, " f"]:
-        """First row of every epoch that has any."""
-        return np.flatnonzero(np.diff(self.epoch, prepend=-1))
-
-    @property
-    def are_single(self) -> bool:
-        """Whether no epoch has more than one measurement."""
-        return len(self.first) == len(self.rows)
-
-    @cached_property
-    def information(self) -> Float[np.ndarray, "f c1 c1"]:
-        """[J | y]'[J | y] of the epochs of `first`."""
-        if self.are_single:  # one product [J | y]'[J | y] a row
-            return self.rows.swapaxes(1, 2) @ self.rows
-        # all rows of an epoch as one tall matrix, whose product is the sum over them
-        found = np.empty((len(self.first), self.rows.shape[2], self.rows.shape[2]))
-        whole = self.rows.reshape(-1, self.rows.shape[2])
-        for k, part in enumerate(self._parts):
-            np.matmul(whole[part].T, whole[part], out=found[k])
-        return found
-
-    def gradient(self, right: Float[np.ndarray, "r i m"], count: int) -> Float[np.ndarray, "k c m"]:
-        """J'u of each of ``count`` epochs, for m right-hand sides u."""
-        m, J = right.shape[2], self.jacobian
-        # epochs without a row keep a gradient of zero
-        found = np.zeros((count, J.shape[2], m))
-        if self.are_single:
-            found[self.epoch] = J.swapaxes(1, 2) @ right
-            return found
-        # J'u of all rows of an epoch at once, u stacked as the rows are
-        flat, by_row = self._flat, right.reshape(-1, m)
-        for part, k in zip(self._parts, self._epochs, strict=True):
-            np.matmul(flat[part].T, by_row[part], out=found[k])
-        return found
-
-    def products(self, errors: Float[np.ndarray, "k c m"]) -> Float[np.ndarray, "r i m"]:
-        """J e with the errors e of each row's epoch."""
-        J = self.jacobian
-        if self.are_single:
-            return J @ errors[self.epoch]
-        # the stacked rows of an epoch times its one error, then back to a block per row
-        found = np.empty((J.shape[0] * J.shape[1], errors.shape[2]))
-        for part, k in zip(self._parts, self._epochs, strict=True):
-            np.matmul(self._flat[part], errors[k], out=found[part])
-        return found.reshape(*J.shape[:2], -1)
-
-    @property
-    def _flat(self) -> Float[np.ndarray, "q c"]:
-        return self.rows.reshape(-1, self.rows.shape[2])[:, :-1]
-
-    @property
-    def _epochs(self) -> list[int]:
-        return self.epoch[self.first].tolist()
-
-    @cached_property
-    def _parts(self) -> list[slice]:
-        """Lines of `_flat` of each epoch that has any."""
-        # every row has i lines, so that an epoch's lines go from i times its first row to i times the next epoch's
-        ends = (self.rows.shape[1] * np.append(self.first, len(self.rows))).tolist()
-        return [slice(begin, end) for begin, end in pairwise(ends)]
-
 
 STRETCH = 2048
 """Epochs whose rows are in memory together: rows of an epoch take ten times the room of what they add to the linear problem."""
@@ -114,7 +28,7 @@ class WeightedRows(NamedTuple):
 
     Attributes
     ----------
-    rows : ndarray of float, shape (r, i, c1)
+    by_epoch : EpochRows
         Jacobian by the model's columns, with the right-hand side as the last column.
     costs : ndarray of float, shape (r,)
         Robust costs.
@@ -124,10 +38,15 @@ class WeightedRows(NamedTuple):
         Whether they have a weight; rows of others are zero.
     """
 
-    rows: Float[np.ndarray, "r i c1"]
+    by_epoch: EpochRows
     costs: Float[np.ndarray, " r"]
     squares: Float[np.ndarray, " r"]
     counted: Bool[np.ndarray, " r"]
+
+    @property
+    def rows(self) -> Float[np.ndarray, "r i c1"]:
+        """Of all measurements."""
+        return self.by_epoch.rows
 
 
 @dataclass(frozen=True)
@@ -358,7 +277,7 @@ class EpochFactors:
             cost += float(blocks[0, -1, -1])
         for sensor in self.sensors:
             made.append(self.sensor_rows(sensor, trajectory, pose_only_loss))
-            each, columns = EpochRows(made[-1].rows, sensor.epoch), self.sensor_columns(sensor)
+            each, columns = made[-1].by_epoch, self.sensor_columns(sensor)
             epochs = sensor.epoch[each.first]
             # [J | y]'[J | y] of each epoch, into the rows and columns of the errors that the sensor sees
             blocks[epochs[:, None, None], columns[:, None], columns] += each.information
@@ -382,19 +301,14 @@ class EpochFactors:
         innovation, jacobian, valid, _ = sensor.model.linearise_each(
             trajectory, sensor.epoch, sensor.parameters, sensor.values
         )
-        if sensor.scale is not None:
-            innovation, jacobian = innovation / sensor.scale, jacobian / sensor.scale[:, None]
+        scaled = innovation if sensor.scale is None else innovation / sensor.scale
         with np.errstate(invalid="ignore", over="ignore"):
-            square = np.einsum("nr,nr->n", innovation, innovation)
+            square = np.einsum("nr,nr->n", scaled, scaled)
         good = valid & np.isfinite(square)
         square = np.where(good, square, np.inf)
         # rows times the root of the loss's weight, so that their squares have the weight; rows of no use are zero
         weight = np.where(good, np.sqrt(loss.weight(square)), 0.0)
-        rows = np.concatenate([jacobian, innovation[..., None]], axis=2)
-        other = np.flatnonzero(weight != 1.0)
-        if len(other):
-            rows[other] *= weight[other, None, None]
-            rows[np.flatnonzero(~good)] = 0.0
+        rows = weigh_rows(innovation, jacobian, sensor.scale, weight, sensor.epoch)
         return WeightedRows(rows, np.where(good, loss.cost(square), 0.0), square, weight > 0)
 
     def inliers(

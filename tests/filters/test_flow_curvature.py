@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import pytest
 from jaxtyping import Float
 
 from spinfilters.evaluation.consistency import chi_square_band, true_states
@@ -127,6 +128,28 @@ def test_runs_of_epochs_and_single_epochs_are_widened_alike() -> None:
         means.append((history.mean, history.factor, estimator.snapshot()[LEFT]))
     for together, single in zip(*means, strict=True):
         np.testing.assert_allclose(together, single, rtol=1e-9, atol=1e-12)
+
+
+class InterpretedEkf(MultiplicativeEkf):
+    """Its predictions are made in NumPy."""
+
+    compiled_prediction = False
+
+
+@pytest.mark.parametrize("spread", [1.0, 0.2, 1e-3])
+def test_compiled_predictions_widen_beliefs_as_numpy_does(spread: float) -> None:
+    """Of a hardly known, a rather well known and a known body."""
+    timeline, belief, _ = poses(4)
+    factor = np.array(belief.factor)
+    factor[FULL.slice("s")] *= spread
+    found = []
+    for kind in (MultiplicativeEkf, InterpretedEkf):
+        estimator = kind(UNDISTURBED, curvature=FlowCurvature(TURN))
+        estimator.start(Gaussian(FULL, belief.mean, factor))
+        history = run(estimator, timeline[0].time, list(timeline)[1:])
+        found.append((history.mean, history.covariance, estimator.snapshot()[LEFT]))
+    for compiled, interpreted in zip(*found, strict=True):
+        np.testing.assert_allclose(compiled, interpreted, rtol=1e-8, atol=1e-12)
 
 
 def test_a_filter_goes_on_from_a_snapshot_within_a_stretch() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.filters.landmark_map import CONFIRMED, WRONG_IN_A_ROW, LandmarkMap
+from spinfilters.filters.landmark_map import CONFIRMED, LARGEST_TABLE, WRONG_IN_A_ROW, LandmarkMap, RowsOfIds
 from spinfilters.filters.landmark_steps import SLOTS
 
 RANK = 4
@@ -44,6 +44,24 @@ def test_landmarks_are_found_by_their_ids(generator):
     rows = landmarks.locate(np.array([0, 1, 2, 3, 4]))
     assert (rows >= 0).tolist() == [True, False, True, False, True]
     np.testing.assert_array_equal(landmarks.ids[rows[rows >= 0]], [0, 2, 4])
+
+
+def test_rows_of_ids_are_those_noted_last_however_large_or_negative_the_ids_are(generator):
+    rows, expected = RowsOfIds(), {}
+    candidates = np.array([0, 1, 255, 256, 5000, LARGEST_TABLE - 1, LARGEST_TABLE, 2**62, -1, -(2**62)])
+    for _ in range(200):
+        chosen = generator.permutation(candidates)[: generator.integers(1, 6)]
+        noted = generator.integers(0, 99, len(chosen))
+        rows.note(chosen, noted)
+        expected |= dict(zip(chosen.tolist(), noted.tolist(), strict=True))
+        gone = np.array([key for key in expected if generator.random() < 0.3], dtype=np.int64)
+        rows.forget(gone)
+        for key in gone.tolist():
+            del expected[key]
+        asked = generator.permutation(candidates)[:4]
+        assert rows.find(asked).tolist() == [expected.get(key, -1) for key in asked.tolist()]
+        assert [int(rows.find(one[None])[0]) for one in asked] == rows.find(asked).tolist()
+    assert rows.find(np.zeros(0, dtype=np.int64)).size == 0
 
 
 @pytest.mark.parametrize("epochs", [1, SLOTS - 3, 3 * SLOTS])

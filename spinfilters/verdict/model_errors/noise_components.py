@@ -15,7 +15,7 @@ from scipy.special import ndtr
 
 from spinfilters.core.chi_square import chi_square_tail, fisher_tail
 from spinfilters.filters.noise_levels import ComponentRows
-from spinfilters.smoother.motion_factors import EpochRows
+from spinfilters.smoother.epoch_rows import EpochRows
 from spinfilters.verdict.model_errors.linear_rows import (
     Columns,
     Gradient,
