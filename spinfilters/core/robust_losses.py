@@ -157,14 +157,20 @@ class Gate(RobustLoss):
 
     def cost(self, square: Squares) -> Squares:
         """Huber's loss, constant beyond the gate."""
+        if self.inner == self.outer:  # no straight line between
+            costs = np.minimum(square, self.outer**2)
+            return costs if self.among is None else costs * self.among
         size = np.minimum(np.sqrt(square), self.outer)
         costs = np.where(size <= self.inner, size**2, self.inner * (2 * size - self.inner))
         return costs if self.among is None else costs * self.among
 
     def weight(self, square: Squares) -> Squares:
         """Huber's weight, zero beyond the gate."""
-        slope = self.inner / np.maximum(np.sqrt(square), self.inner)
-        weight = np.where(square < self.outer**2, slope, 0.0)
+        inside = square < self.outer**2
+        if self.inner == self.outer:  # no slope but that of the square
+            weight = inside.astype(float)
+        else:
+            weight = np.where(inside, self.inner / np.maximum(np.sqrt(square), self.inner), 0.0)
         return weight if self.among is None else weight * self.among
 
 

@@ -486,13 +486,14 @@ def _run(
 ) -> tuple[np.ndarray, ...]:
     arrays = [_plain(argument, _FLOAT) for argument in arguments]
     chosen = [None if row is None else _plain(row, _INTEGER) for row in rows]
-    results = tuple([_empty(*shape) for shape in shapes])
+    results = tuple([result_array(*shape) for shape in shapes])
     turned = None if each is None else _plain(each, _FLOAT)
     library.spinfilters_lanes(*_call_arguments(arrays, chosen, results, turned))
     return results
 
 
-def _empty(count: int, width: int) -> np.ndarray:
+def result_array(count: int, width: int) -> np.ndarray:
+    """Room for a result of many items, lent where it is of some size."""
     return pooled_array(count, width) if LARGE <= count * width <= LARGEST_LENT else np.empty((count, width))
 
 

@@ -8,9 +8,9 @@ their noise is not the stated, and there is no bound. Where the landmarks are no
 step at the true poses settles them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -145,9 +145,10 @@ def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> tuple[Float[np.n
     normal = problem.normal(here, Stage(Gate(GATE, GATE)))
     if normal.solution is None:
         return None, "the measurements leave something undetermined"
-    if _inliers(problem, here, normal.used) < INLIERS_NEEDED:
+    residuals = list(_residuals_of_sensors(problem, here))
+    if _inliers(residuals, normal.used) < INLIERS_NEEDED:
         return None, "most measurements lie farther from the truth than their stated noise allows"
-    ratio = _squared_residual(problem, here)
+    ratio = _squared_residual(residuals)
     if ratio is not None and ratio < LEAST_RESIDUAL:
         return (
             None,
@@ -218,23 +219,39 @@ def landmarks_at(
     return ids[placed], points[placed]
 
 
-def _inliers(problem: Problem, here: LinearizationPoint, used: Bool[np.ndarray, " N"] | None) -> float:
+class _Residuals(NamedTuple):
+    """Some measurements' squared residuals of so many components in stated variances, and which of them count."""
+
+    squares: Float[np.ndarray, " r"]
+    counted: Bool[np.ndarray, " r"]
+    dim: int
+
+
+def _residuals_of_sensors(problem: Problem, here: LinearizationPoint) -> Iterator[_Residuals]:
+    """Of every sensor without landmarks; of long recordings one stretch after the other."""
+    motion = problem.motion
+    for number, sensor in enumerate(motion.sensors):
+        if not problem.is_long:
+            found = here.sensor_rows(motion, number)
+            yield _Residuals(found.squares, found.counted, sensor.model.dim)
+            continue
+        for first in range(0, len(sensor.epoch), STRETCH):
+            found = motion.sensor_rows(sensor.part(slice(first, first + STRETCH)), here.trajectory)
+            yield _Residuals(found.squares, found.counted, sensor.model.dim)
+
+
+def _inliers(residuals: Sequence[_Residuals], used: Bool[np.ndarray, " N"] | None) -> float:
     """Share of the measurements that count; 0 where there are none."""
-    flags = [problem.motion.inliers(sensor, here.trajectory) for sensor in problem.motion.sensors]
+    flags = [each.counted for each in residuals]
     flags += [] if used is None else [used]
     counts = np.concatenate([np.zeros(0, dtype=bool), *flags])
     return float(counts.mean()) if len(counts) else 0.0
 
 
-def _squared_residual(problem: Problem, here: LinearizationPoint) -> float | None:
-    """Mean squared residual of a component in stated variances, of sensors without landmarks; None without any."""
-    squares, components = 0.0, 0
-    for sensor in problem.motion.sensors:
-        for first in range(0, len(sensor.epoch), STRETCH):
-            part = sensor.part(slice(first, first + STRETCH))
-            found = problem.motion.sensor_rows(part, here.trajectory)
-            squares += float(found.squares[found.counted].sum())
-            components += int(np.count_nonzero(found.counted)) * sensor.model.dim
+def _squared_residual(residuals: Sequence[_Residuals]) -> float | None:
+    """Mean squared residual of a component, of sensors without landmarks; None without any."""
+    squares = sum(float(each.squares[each.counted].sum()) for each in residuals)
+    components = sum(int(np.count_nonzero(each.counted)) * each.dim for each in residuals)
     return squares / components if components else None
 
 

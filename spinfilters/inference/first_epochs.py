@@ -1,6 +1,7 @@
 """Smoothed first epochs of a data set, from which all estimators continue: how many, and the noise that they identify."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -229,6 +230,14 @@ GivenInitialisation = Callable[[StateLayout], InitialEstimate]
 """Gives the initialisation over a layout, in place of one that is made from data."""
 
 
+@dataclass
+class SampledEpochs:
+    """Initial motion samples up to a time, s, that are known so far."""
+
+    samples: MotionSamples | None = None
+    end: float = -np.inf
+
+
 @dataclass(frozen=True)
 class FirstEpochs:
     """First epochs of a data set, with models and noise.
@@ -268,14 +277,14 @@ class FirstEpochs:
             )
 
         made: dict[int, InitialEstimate] = {}
+        sampled = SampledEpochs()
 
         def make(options: InitialisationOptions) -> InitialEstimate:
             """The initialisation with these options."""
             count = options.count(self.timeline)
             if count not in made:  # of twice the epochs both a filter is judged and a longer start made
-                made[count] = self._initialise_again(options, before) or self._initialise_from_measurements(
-                    options
-                )
+                again = self._initialise_again(options, before)
+                made[count] = again or self._initialise_from_measurements(options, sampled=sampled)
             return made[count]
 
         try:
@@ -333,16 +342,34 @@ class FirstEpochs:
         return None if before is None else initialised_again(self.process, self.timeline, before, options)
 
     def _initialise_from_measurements(
-        self, options: InitialisationOptions, likely: InitialEstimate | None = None
+        self,
+        options: InitialisationOptions,
+        likely: InitialEstimate | None = None,
+        sampled: "SampledEpochs | None" = None,
     ) -> InitialEstimate:
         """From the measurements alone; nothing of landmarks after the last epoch is looked at."""
         end = self.timeline[options.count(self.timeline) - 1].time
-        streams = [
-            stream.slice(self.timeline[0].time, end) if sensor_format(stream.sensor).has_landmarks else stream
-            for stream in self.dataset.log.streams
-        ]
-        samples = initial_samples([s for s in streams if s is not None], self.noise, self.view)
+        samples = self._samples_until(end, sampled or SampledEpochs())
         return initialise(self.process, self.timeline, samples, options, likely)
+
+    def _samples_until(self, end: float, sampled: "SampledEpochs") -> MotionSamples:
+        """Initial motion samples up to a time, s; where epochs stand by themselves, those of new ones join what is known."""
+        leading = max(self.dataset.log.streams, key=_measure_motion)
+        known, begin = sampled.samples, float(np.nextafter(sampled.end, np.inf))
+        if known is None or end < begin or not sensor_of(leading.sensor).samples_each_epoch(self.view):
+            begin = self.timeline[0].time
+            streams = [
+                stream.slice(begin, end) if sensor_format(stream.sensor).has_landmarks else stream
+                for stream in self.dataset.log.streams
+            ]
+            samples = initial_samples([s for s in streams if s is not None], self.noise, self.view)
+        else:
+            samples, later = known, leading.slice(begin, end)
+            if later is not None:
+                with suppress(InputError):  # that no new epoch shows a pose
+                    samples = known.joined(initial_samples([later], self.noise, self.view))
+        sampled.samples, sampled.end = samples, end
+        return samples
 
     def _duration(self, epochs: int) -> float:
         return self.timeline[epochs - 1].time - self.timeline[0].time

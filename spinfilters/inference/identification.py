@@ -211,7 +211,7 @@ def identify(
     first : (c,) float array or None
         Ln variances to begin from; None for those of the median residuals.
     """
-    theta = model.first(model.problem.at(trajectory, points)) if first is None else first
+    theta = model.first(trajectory, points) if first is None else first
     best = _optimum(model, trajectory, points, theta)
     for _ in range(MOST_MASKED):
         suspect = None if best is None else _find_suspect(best.residuals)

@@ -22,6 +22,7 @@ from spinfilters.core.chi_square import chi_square_median, chi_square_tail
 from spinfilters.filters.noise_levels import ComponentRows
 from spinfilters.io.disturbances import DENSITIES, noise_columns
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.smoother.landmark_factors import linearise_observations
 from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.motion_factors import NOISE_FLOOR, SensorRows, prior_rows
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
@@ -86,20 +87,19 @@ class NoiseModel:
         )
         return NoiseModel(self.scaled(log_variance), components, self.densities)
 
-    def first(self, here: LinearizationPoint) -> Float[np.ndarray, " c"]:
+    def first(
+        self, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
+    ) -> Float[np.ndarray, " c"]:
         """Initial ln variances, from the median residual of every sensor component; zero (as stated) for disturbances."""
-        found = self.stated
+        found, motion, observations = self.stated, self.problem.motion, self.problem.observations
+        linear = None if observations is None else linearise_observations(observations, trajectory, points)
+        made = [motion.sensor_rows(sensor, trajectory).rows for sensor in motion.sensors]
         for k, each in enumerate(self.components):
-            squares = [
-                self.problem.motion.sensor_rows(self.problem.motion.sensors[s], here.trajectory).rows[
-                    :, list(rows), -1
-                ]
-                for s, rows in each.sensors.items()
-            ]
+            squares = [made[s][:, list(rows), -1] for s, rows in each.sensors.items()]
             ratio = [np.nanmedian(part**2) / chi_square_median(1) for part in squares if part.size]
-            if each.landmarks and here.linear is not None and self.problem.observations is not None:
-                dim = max(group.model.dim for group in self.problem.observations.groups)
-                ratio.append(float(np.median(here.linear.square)) / chi_square_median(dim))
+            if each.landmarks and linear is not None and observations is not None:
+                dim = max(group.model.dim for group in observations.groups)
+                ratio.append(float(np.median(linear.square)) / chi_square_median(dim))
             good = [value for value in ratio if np.isfinite(value) and value > 0]
             found[k] = np.log(max(good)) if good else 0.0
         return found

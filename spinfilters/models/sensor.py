@@ -177,6 +177,21 @@ class MotionSamples:
     noise_ratio: float | None = None
     shared: Int[np.ndarray, " k"] | None = None
 
+    def joined(self, later: "MotionSamples") -> "MotionSamples":
+        """With later samples of the same kind, both of a known map."""
+        return MotionSamples(
+            np.concatenate([self.time, later.time]),
+            _joined(self.attitude, later.attitude),
+            _joined(self.rates, later.rates),
+            _joined(self.positions, later.positions),
+        )
+
+
+def _joined(
+    one: Float[np.ndarray, "k c"] | None, later: Float[np.ndarray, "k2 c"] | None
+) -> Float[np.ndarray, "k3 c"] | None:
+    return None if one is None or later is None else np.concatenate([one, later])
+
 
 @dataclass(frozen=True)
 class AnalysedSensor:
@@ -279,6 +294,10 @@ class Sensor(StoredSensor, ABC):
             Rows that no motion can be found from.
         """
         return None
+
+    def samples_each_epoch(self, view: CameraView | None) -> bool:
+        """Whether `initial_motion` at a time depends on the rows of that time alone."""
+        return False
 
     def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"] | None:
         """Body rates of the rows, rad/s, axes g; None for a sensor that measures something else."""

@@ -43,6 +43,8 @@ class Eliminated:
         Schur complement on the poses in the lower triangle, and an empty row.
     pose_gradient : ndarray of float, shape (r,)
         Right-hand side that is left to the poses.
+    predicted_reduction : float
+        By how much the linear problem's cost falls by the landmarks alone.
     """
 
     observations: LandmarkObservations
@@ -54,6 +56,7 @@ class Eliminated:
     coupling: Float[np.ndarray, "N 3 6"]
     information: Float[np.ndarray, "w r"]
     pose_gradient: Float[np.ndarray, " r"]
+    predicted_reduction: float
 
     def points_step(self, poses: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "L 3"]:
         """Landmark steps by back-substitution of a pose step; zero where not well constrained."""
@@ -118,17 +121,18 @@ def eliminate(
     coupling, slope = pooled_array(N, 3, POSE), np.zeros(kept)
     information = pooled_zeros(kept + 1, kept)
     weight, rows = np.ascontiguousarray(weight), np.ascontiguousarray(linear.rows)
+    used, fall = np.empty(N, dtype=bool), np.empty(1)
     failed = library.eliminate_landmarks(
         *(L, epochs, kept),
         *map(address, (observations.start, observations.epoch, rows, weight)),
         FLATTEST,
-        *map(address, (is_constrained, information_sqrt, gradient, coupling, information, slope)),
+        *map(address, (is_constrained, information_sqrt, gradient, coupling, information, slope, used, fall)),
     )
     if failed:
         raise MemoryError("no memory to eliminate the landmarks")
-    used = (weight > 0) & is_constrained[observations.landmark]
     return Eliminated(
-        observations, weight, is_constrained, used, information_sqrt, gradient, coupling, information, slope
+        *(observations, weight, is_constrained, used, information_sqrt, gradient, coupling),
+        *(information, slope, float(fall[0])),
     )
 
 
@@ -166,7 +170,8 @@ def eliminate_in_numpy(
     coupling = whole.swapaxes(1, 2)[landmark, epoch] * _firsts(observations, used)[:, None, None]
     lower = np.tril(information)
     return Eliminated(
-        observations, weight, is_constrained, used, information_sqrt, gradient, coupling, lower, slope
+        *(observations, weight, is_constrained, used, information_sqrt, gradient, coupling),
+        *(lower, slope, float((gradient[is_constrained] ** 2).sum())),
     )
 
 

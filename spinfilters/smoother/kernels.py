@@ -19,10 +19,10 @@ from spinfilters.core.c_library import (
 
 SOURCES = (
     *("kernels.h", "landmarks.c", "velocities.c", "roots.c"),
-    *("epoch_rows.c", "linearise.c", "solve.c"),
+    *("epoch_rows.c", "chain.c", "linearise.c", "solve.c"),
 )
 _SIGNATURES = {
-    "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppp", ctypes.c_int),
+    "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppppp", ctypes.c_int),
     "follow_poses": Signature("i" + "pppppppp", None),
     "step_rows": Signature("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
     "add_information_blocks": Signature("iiiiii" + "ppppp", None),
@@ -34,7 +34,12 @@ _SIGNATURES = {
     "weigh_rows": Signature("ipii" + "pppppp", None),
     "row_products": Signature("ipi" + "pp", None),
     "row_variances": Signature("ipi" + "ppp", None),
+    "chain_forward": Signature("iii" + "ppp", None),
+    "chain_backward": Signature("iii" + "ppp", None),
     "linearise_steps": Signature("ppi" + "ppp" + "ip" + "iipp" + "d" + "ppppp", ctypes.c_double),
+    "linearise_observations": Signature("pi" + "pppppp" + "iii" + "d" + "ppp", None),
+    "rows_at_first": Signature("pppp" + "iip", ctypes.c_int),
+    "linearise_first": Signature("pppppp", ctypes.c_double),
     "linearise_prior": Signature("ppp" + "ppp", ctypes.c_double),
     "solve_window": Signature("iiii" + "pipp" + "ipp" + "ddp" + "ppppp" + "pppp", ctypes.c_longlong),
 }

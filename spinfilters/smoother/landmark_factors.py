@@ -6,11 +6,14 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinfilters.core.compiled import address
 from spinfilters.core.errors import InputError
 from spinfilters.core.robust_losses import RobustLoss
+from spinfilters.core.vectorised import result_array
 from spinfilters.filters.timeline import Timeline, by_sensor
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel
 from spinfilters.models.state_layout import POSE_BLOCKS
+from spinfilters.smoother.kernels import kernels
 
 ROWS = 3
 """Components of an observation's innovation, at most; a sensor with fewer leaves rows of zeros."""
@@ -237,6 +240,8 @@ def linearise_observations(
     """All observations about a trajectory and points (m, frame g)."""
     # one sensor of three components fills all rows; else each fills its own, and rows that it lacks stay zero
     whole = len(observations.groups) == 1 and observations.groups[0].model.dim == ROWS
+    if whole and (made := _linearised_in_c(observations, trajectory, points)) is not None:
+        return made
     rows = np.empty((0, ROWS, COLUMNS)) if whole else np.zeros((len(observations), ROWS, COLUMNS))
     square = np.full(len(observations), np.inf)
     for group in observations.groups:
@@ -255,6 +260,25 @@ def linearise_observations(
     if observations.scale != 1.0:
         rows, square = rows / observations.scale, square / observations.scale**2
     return LinearObservations(rows, square)
+
+
+def _linearised_in_c(
+    s: LandmarkObservations, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
+) -> LinearObservations | None:
+    """Observations of one sensor of three components in one call; None without compiled code."""
+    library, (group,), count = kernels(), s.groups, len(s)
+    lanes = None if library is None else group.model.observation_rows.loop
+    if library is None or lanes is None:
+        return None
+    given = trajectory, points, group.parameters, group.values, s.epoch, s.landmark
+    arrays = [np.ascontiguousarray(array) for array in given]
+    rows, square, room = result_array(count, ROWS * COLUMNS), np.empty(count), np.empty((2, count))
+    library.linearise_observations(
+        *(lanes, count, *map(address, arrays)),
+        *(trajectory.shape[1], group.parameters.shape[1], group.values.shape[1], s.scale),
+        *map(address, (rows, square, room)),
+    )
+    return LinearObservations(rows.reshape(count, ROWS, COLUMNS), square)
 
 
 def reinitialised(

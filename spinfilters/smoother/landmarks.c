@@ -128,10 +128,10 @@ static void couple_poses(const Order* order, integer n, const int* column, const
 
 /* Landmarks [L] with observations start[l] .. start[l + 1], sorted by epoch. Out: told [L], root [L][9], y [L][3], Y [N][18]
  * (zero for an observation that is not the first of its landmark in its epoch), M (zero before): lower triangle over poses, six
- * rows of n an epoch; gradient [epochs][6]. */
+ * rows of n an epoch; gradient [epochs][6]; whether each observation counts, used [N]; the fall of the cost by landmarks alone. */
 int eliminate_landmarks(integer landmarks, integer epochs, integer n, const integer* start, const integer* epoch,
                         const double* rows, const double* weight, double flattest, unsigned char* told, double* root, double* y,
-                        double* Y, double* M, double* gradient) {
+                        double* Y, double* M, double* gradient, unsigned char* used, double* fall) {
   const integer count = start[landmarks], groups = (epochs + TOGETHER - 1) / TOGETHER;
   char* room = (char*)calloc(epochs * POSE * POSE * sizeof(double) + (2 * groups + 1) * sizeof(integer) + 3 * count * sizeof(int), 1);
   if (room == 0) return 1;
@@ -149,14 +149,17 @@ int eliminate_landmarks(integer landmarks, integer epochs, integer n, const inte
     end[g] = begin[g];
   }
   memset(gradient, 0, epochs * POSE * sizeof(double));
+  *fall = 0;
   /* landmark by landmark: its root, then the information of its poses, their coupling through it, and their gradients */
   for (integer l = 0; l < landmarks; ++l) {
     double *V = root + 9 * l, *v = y + 3 * l;
     told[l] = landmark_root(start[l], start[l + 1], rows, weight, flattest, V, v);
+    for (integer i = start[l]; i < start[l + 1]; ++i) used[i] = told[l] && weight[i] > 0;
     if (!told[l]) {
       memset(Y + start[l] * 3 * POSE, 0, (start[l + 1] - start[l]) * 3 * POSE * sizeof(double));
       continue;
     }
+    *fall += v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
     const double out[3] = {1 / V[0], 1 / V[4], 1 / V[8]};
     integer seen = -1;
     /* One Y per epoch that saw the landmark: observations of one epoch are adjacent and share that of the first. */

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinfilters.core.compiled import address
 from spinfilters.core.linear_algebra import dpstrf, dtpqrt, dtrtrs
 from spinfilters.smoother.elimination import POSE, eliminate
+from spinfilters.smoother.kernels import kernels
 from spinfilters.smoother.landmark_factors import LinearObservations
 from spinfilters.smoother.motion_factors import EpochFactors, prior_rows
 from spinfilters.smoother.priors import (
@@ -15,6 +17,7 @@ from spinfilters.smoother.priors import (
     column_errors,
     column_resets,
     gauge_columns,
+    prior_structure,
     with_columns_reset,
 )
 from spinfilters.smoother.problem import LinearProblem, NormalEquations, Problem
@@ -256,6 +259,13 @@ def _at_first_estimates(
     more : int
         Columns between those of a carried quadratic and the right-hand side, of errors whose first estimate is that of now.
     """
+    library, call = kernels(), prior_structure(ordering, first)
+    if library is not None and call is not None:
+        result, here = np.ascontiguousarray(rows), np.ascontiguousarray(here)
+        result = result.copy() if result is rows else result
+        if library.rows_at_first(*call.addresses, address(here), *rows.shape, address(result)):
+            raise MemoryError("no memory to move rows to the first estimates")
+        return result
     errors = ordering.layout.local(first, here)
     # Errors about here by those about the first estimates: e = G (d - away), with the reset Jacobian G of each epoch.
     result = with_columns_reset(rows, column_resets(ordering, errors))

@@ -16,7 +16,7 @@ from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import LinearisedSteps
 from spinfilters.smoother.epoch_rows import EpochRows, weigh_rows
 from spinfilters.smoother.kernels import kernels
-from spinfilters.smoother.linearisation_kernels import many_steps
+from spinfilters.smoother.linearisation_kernels import charts_of, many_steps
 from spinfilters.smoother.priors import StatePrior, VariableOrdering
 
 STRETCH = 2048
@@ -273,9 +273,8 @@ class EpochFactors:
         blocks, cost = np.zeros((len(trajectory) if self.sensors else 1, n + 1, n + 1)), 0.0
         if self.prior is not None:
             # first epoch: += [J | y]'[J | y] of the prior, its columns in the ordering already
-            rows = prior_rows(self.ordering, trajectory[0], self.prior)
-            blocks[0] += rows.T @ rows
-            cost += float(rows[:, -1] @ rows[:, -1])
+            blocks[0] += prior_information(self.ordering, trajectory[0], self.prior)
+            cost += float(blocks[0, -1, -1])
         for sensor in self.sensors:
             made.append(self.sensor_rows(sensor, trajectory, pose_only_loss))
             each, columns = made[-1].by_epoch, self.sensor_columns(sensor)
@@ -395,6 +394,24 @@ def whitened_steps_in_numpy(
         rows = np.full_like(rows, np.nan)
     with np.errstate(invalid="ignore", over="ignore"):
         return rows, rows.swapaxes(1, 2) @ rows
+
+
+def prior_information(
+    ordering: VariableOrdering, first: Float[np.ndarray, " m"], prior: StatePrior
+) -> Float[np.ndarray, "n1 n1"]:
+    """[J | y]'[J | y] of `prior_rows`."""
+    layout, library = ordering.layout, kernels()
+    charts = None if library is None else charts_of(layout)
+    if library is None or charts is None:
+        rows = prior_rows(ordering, first, prior)
+        return rows.T @ rows
+    n = layout.error_dim
+    mean, x = np.ascontiguousarray(prior.mean, dtype=float), np.ascontiguousarray(first)
+    whitening, gram = np.ascontiguousarray(prior.whitened(np.eye(n))), np.empty((n + 1, n + 1))
+    arrays = map(address, (mean, whitening, ordering.order, x, gram))
+    if library.linearise_first(charts.address, *arrays) < 0:
+        raise MemoryError("no memory to linearise the prior")
+    return gram
 
 
 def prior_rows(

@@ -3,8 +3,8 @@
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
+from functools import cached_property, lru_cache
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -99,34 +99,39 @@ class VariableOrdering:
                 f"landmarks need a state that begins with blocks t, a; the layout has {self.layout.blocks}"
             )
 
-    @cached_property
+    @property
     def pose(self) -> Int[np.ndarray, " p"]:
         """Error components of an epoch coupled by landmark observations."""
-        return self._components_of([block for block in self.layout.moving if self._is_separator(block)])
+        return self.components.pose
 
-    @cached_property
+    @property
     def tridiagonal(self) -> Int[np.ndarray, " v"]:
         """Error components of an epoch coupled only to its neighbours in time."""
-        return self._components_of([block for block in self.layout.moving if not self._is_separator(block)])
+        return self.components.tridiagonal
 
-    @cached_property
+    @property
     def constant(self) -> Int[np.ndarray, " c"]:
         """Error components that are the same in every epoch."""
-        return self._components_of(self.layout.constant)
+        return self.components.constant
 
-    @cached_property
+    @property
     def moving(self) -> Int[np.ndarray, " d"]:
         """Pose components, then tridiagonal ones."""
-        return np.concatenate([self.pose, self.tridiagonal])
+        return self.components.moving
 
     @cached_property
+    def components(self) -> "ErrorComponents":
+        """Those of all epochs alike."""
+        return error_components(self.layout, self.has_landmarks)
+
+    @property
     def order(self) -> Int[np.ndarray, " n"]:
         """All components of an epoch: pose, tridiagonal, constant.
 
         Chains are eliminated first, where each meets only its neighbours; poses stay because landmarks tie them to one another, and
         constants come last because every epoch meets them: what is eliminated before them stays sparse.
         """
-        return np.concatenate([self.moving, self.constant])
+        return self.components.order
 
     @cached_property
     def curved_columns(self) -> list[tuple[slice, Int[np.ndarray, "e d"]]]:
@@ -174,12 +179,30 @@ class VariableOrdering:
         result[:, self.constant] = separator_step[self.epochs * p :]
         return result
 
-    def _is_separator(self, block: StateBlock) -> bool:
-        return self.has_landmarks and block.name in POSE_BLOCKS
 
-    def _components_of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
-        every = np.arange(self.layout.error_dim)
-        return np.concatenate([every[:0], *[every[self.layout.slice(block.name)] for block in blocks]])
+class ErrorComponents(NamedTuple):
+    """Error components of any epoch by how they are eliminated; see `VariableOrdering`."""
+
+    pose: Int[np.ndarray, " p"]
+    tridiagonal: Int[np.ndarray, " v"]
+    constant: Int[np.ndarray, " c"]
+    moving: Int[np.ndarray, " d"]
+    order: Int[np.ndarray, " n"]
+
+
+@lru_cache(maxsize=64)
+def error_components(layout: StateLayout, has_landmarks: bool) -> ErrorComponents:
+    """Components of a layout, the same arrays for all windows."""
+
+    def components_of(blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
+        every = np.arange(layout.error_dim)
+        return np.concatenate([every[:0], *[every[layout.slice(block.name)] for block in blocks]])
+
+    coupled = [block for block in layout.moving if has_landmarks and block.name in POSE_BLOCKS]
+    pose = components_of(coupled)
+    tridiagonal = components_of([block for block in layout.moving if block not in coupled])
+    constant, moving = components_of(layout.constant), np.concatenate([pose, tridiagonal])
+    return ErrorComponents(pose, tridiagonal, constant, moving, np.concatenate([moving, constant]))
 
 
 Resets = list[tuple[Int[np.ndarray, "e d"], Float[np.ndarray, "e d d"]]]
@@ -216,7 +239,8 @@ class MarginalizationPrior:
         return self.information_sqrt.T @ self.information_sqrt
 
     @cached_property
-    def _gauge(self) -> Float[np.ndarray, "q 6"]:
+    def gauge(self) -> Float[np.ndarray, "q 6"]:
+        """Directions of the gauge at the first estimates."""
         return gauge_columns(self.ordering, self.first)
 
     @cached_property
@@ -248,21 +272,12 @@ class MarginalizationPrior:
 
     def _linearised_in_c(self, here: Float[np.ndarray, "F m"]) -> "LinearizedPrior | None":
         """`at` in one call; None without compiled code."""
-        library, ordering = kernels(), self.ordering
-        has_poses = len(ordering.pose) > 0
-        charts = None if library is None else charts_of(ordering.layout)
-        loop = gauge_function(ordering.layout).loop if has_poses and charts is not None else 0
-        if library is None or charts is None or loop is None:
+        library, call = kernels(), prior_structure(self.ordering, self.first, self)
+        if library is None or call is None:
             return None
-        components = (ordering.pose, ordering.constant, ordering.tridiagonal)
         gram, gradient, here = np.empty_like(self.gram), np.empty_like(self.right), np.ascontiguousarray(here)
-        structure = PriorStructure(
-            *(len(here), *map(len, components), *map(address, (*components, *ordering.curved_places))),
-            *map(address, (self.first, self.information_sqrt, self.right, self.gram)),
-            *(address(self._gauge) if has_poses else None, self.constant_cost),
-        )
         arrays = map(address, (here, gram, gradient))
-        cost = library.linearise_prior(charts.address, loop, ctypes.addressof(structure), *arrays)
+        cost = library.linearise_prior(*call.addresses, *arrays)
         if cost < 0:
             raise MemoryError("no memory to linearise what was marginalized")
         return LinearizedPrior(self, gram, gradient, cost)
@@ -272,8 +287,45 @@ class MarginalizationPrior:
         p = len(self.ordering.pose)
         now = gauge_columns(self.ordering, here)
         turned = [(columns, jacobians.swapaxes(1, 2)) for columns, jacobians in resets]
-        then = with_columns_reset(self._gauge.T, turned).T
+        then = with_columns_reset(self.gauge.T, turned).T
         return np.linalg.solve(now[:p].T, (then - now).T).T
+
+
+class PriorCall(NamedTuple):
+    """First arguments of the functions in C that take a prior, and what keeps them alive."""
+
+    charts: int
+    gauge: int
+    structure: PriorStructure
+    kept: tuple[np.ndarray, ...]
+
+    @property
+    def addresses(self) -> tuple[int, int, int]:
+        """Of charts, of the loop of directions of the gauge, and of the prior."""
+        return self.charts, self.gauge, ctypes.addressof(self.structure)
+
+
+def prior_structure(
+    ordering: VariableOrdering, first: Float[np.ndarray, "F m"], prior: MarginalizationPrior | None = None
+) -> PriorCall | None:
+    """The columns of a prior about some first estimates, with its numbers where they are given; None without compiled code."""
+    has_poses = len(ordering.pose) > 0
+    charts = None if kernels() is None else charts_of(ordering.layout)
+    loop = gauge_function(ordering.layout).loop if has_poses and charts is not None else 0
+    if charts is None or loop is None:
+        return None
+    components = (ordering.pose, ordering.constant, ordering.tridiagonal)
+    columns = (*components, *ordering.curved_places, np.ascontiguousarray(first))
+    numbers, gauge, least = (), None, 0.0
+    if prior is not None:
+        numbers, least = (prior.information_sqrt, prior.right, prior.gram), prior.constant_cost
+        gauge = address(prior.gauge) if has_poses else None
+    structure = PriorStructure(
+        *(len(first), *map(len, components), *map(address, columns)),
+        *(map(address, numbers) if numbers else (None,) * 3),
+        *(gauge, least),
+    )
+    return PriorCall(charts.address, loop, structure, columns)
 
 
 @dataclass(frozen=True)

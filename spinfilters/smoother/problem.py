@@ -165,9 +165,7 @@ class NormalEquations:
         if self.solution is None:
             return np.inf
         e = self.eliminated
-        return self.solution.predicted_reduction + (
-            0.0 if e is None else float((e.gradient[e.is_constrained] ** 2).sum())
-        )
+        return self.solution.predicted_reduction + (0.0 if e is None else e.predicted_reduction)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -167,12 +167,15 @@ def _solvable(solve: Solve) -> NormalEquations | None:
 
 def _cap(layout: StateLayout, errors: Float[np.ndarray, "k n"]) -> float:
     """Share of a step within the range of validity of the linear model."""
-    share = 1.0
-    for block in layout.members:
-        if np.isfinite(block.largest_step):
-            longest = float(np.abs(errors[:, layout.slice(block.name)]).max(initial=0.0))
-            share = min(share, block.largest_step / max(longest, np.finfo(float).tiny))
-    return share
+    longest = np.abs(errors).max(axis=0, initial=np.finfo(float).tiny)
+    return min(1.0, float((_largest_steps(layout) / longest).min(initial=1.0)))
+
+
+@lru_cache(maxsize=64)
+def _largest_steps(layout: StateLayout) -> Float[np.ndarray, " n"]:
+    """Largest step of each error component, infinite where there is none."""
+    bounds = [np.full(block.dimension, block.largest_step) for block in layout.members]
+    return np.concatenate([np.zeros(0), *bounds])
 
 
 def _scale_step(normal: NormalEquations, errors: Float[np.ndarray, "k n"], share: float) -> Step:

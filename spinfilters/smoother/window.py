@@ -1,7 +1,7 @@
 """Window of a sliding smoother: arrays of its epochs, and the policies of what stays in it."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +32,8 @@ SHARE, LARGEST_BATCH = 5, 16
 """A fifth of a window leaves together, so that its epochs share a decomposition; so many at most, also of a window that was longer
 while it started up."""
 
+SPARE = 2
+"""Times as many observations as a window has, for which room is made: appending copies each but few times."""
 SMALLEST_LANDMARK_BATCH = 100
 """Landmarks that are frozen at once, at least: each time costs a decomposition."""
 
@@ -180,18 +182,62 @@ class WindowObservations:
     sensor: Int[np.ndarray, " N"]
     values: Float[np.ndarray, "N v"]
     parameters: Float[np.ndarray, "N p"]
+    _growing: "_GrowingColumns | None" = field(default=None, init=False, repr=False, compare=False)
+    """Where these are the first rows, if more can be appended."""
+
+    @property
+    def columns(self) -> tuple[np.ndarray, ...]:
+        """Epochs, landmarks, sensors, values and parameters."""
+        return self.epoch, self.landmark, self.sensor, self.values, self.parameters
 
     def chosen(self, rows: Bool[np.ndarray, " N"]) -> "WindowObservations":
         """Chosen observations."""
         taken = np.flatnonzero(rows)
-        return WindowObservations(*(array.take(taken, axis=0) for array in vars(self).values()))
+        return WindowObservations(*(array.take(taken, axis=0) for array in self.columns))
 
     def plus(self, other: "WindowObservations") -> "WindowObservations":
         """Others after them."""
-        if not len(self.epoch):
+        count, more = len(self.epoch), len(other.epoch)
+        if not count:
             return other
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return WindowObservations(*(np.concatenate(pair) for pair in pairs))
+        growing = self._growing
+        if growing is None or not growing.has_room(count, more):
+            growing = _GrowingColumns(self.columns, SPARE * (count + more))
+        growing.append(other.columns)
+        found = WindowObservations(*growing.first(count + more))
+        object.__setattr__(found, "_growing", growing)
+        return found
+
+
+class _GrowingColumns:
+    """Columns with room for more rows, which are appended behind those that are already in use and never change.
+
+    Parameters
+    ----------
+    columns : tuple[np.ndarray, ...]
+        The first rows.
+    room : int
+        Rows at most.
+    """
+
+    def __init__(self, columns: tuple[np.ndarray, ...], room: int) -> None:
+        self._columns = [np.empty((room, *column.shape[1:]), column.dtype) for column in columns]
+        self._used = 0
+        self.append(columns)
+
+    def has_room(self, used: int, more: int) -> bool:
+        """Whether so many rows are in use, so that nobody else has appended any, and more have room."""
+        return used == self._used and used + more <= len(self._columns[0])
+
+    def append(self, columns: tuple[np.ndarray, ...]) -> None:
+        """Append rows."""
+        begin, self._used = self._used, self._used + len(columns[0])
+        for own, column in zip(self._columns, columns, strict=True):
+            own[begin : self._used] = column
+
+    def first(self, count: int) -> list[np.ndarray]:
+        """The first rows of every column."""
+        return [column[:count] for column in self._columns]
 
 
 @dataclass(frozen=True)

@@ -286,7 +286,7 @@ def _refused_ends(solved: LinearRows) -> list[tuple[int, Alternative]]:
 
 def _squares(solved: LinearRows, explained: Float[np.ndarray, " r"] | float = 0.0) -> float:
     """Sum of squared residuals less what an error explains of them."""
-    left = np.concatenate([part.ravel() for part in solved.residual(solved.right).parts]) - explained
+    left = np.concatenate([part.ravel() for part in solved.left.parts]) - explained
     return float(left @ left)
 
 

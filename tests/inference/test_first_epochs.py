@@ -8,13 +8,14 @@ import pytest
 
 from spinfilters.filters.timeline import SensorNoise, build_timeline
 from spinfilters.inference import first_epochs
-from spinfilters.inference.first_epochs import LARGEST_SHARE, FirstEpochs
+from spinfilters.inference.first_epochs import LARGEST_SHARE, FirstEpochs, SampledEpochs
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.setup import camera_view
 from spinfilters.io.dataset import Dataset
 from spinfilters.models.body import body_estimate
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.tracks import track_poses
 from spinfilters.settings.run_settings import InitialisationOptions
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 
@@ -69,3 +70,25 @@ def test_an_estimate_of_fewer_epochs_is_made_anew() -> None:
     few = replace(before, mean=before.mean[:6], factor=before.factor[:6])
     again, anew = epochs_at(TRUE).smoothed(OPTIONS, few), smoothed(TRUE)
     np.testing.assert_array_equal(again.mean, anew.mean)
+
+
+def test_a_longer_start_fits_poses_of_its_new_epochs_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    dataset = simulate(Scenario.simplified(rate_rpm=RICH_RPM, landmarks=60, epochs=40))
+    counts: list[int] = []
+    fit = track_poses.fit_poses
+    monkeypatch.setattr(
+        track_poses, "fit_poses", lambda epochs, *rest: counts.append(len(epochs)) or fit(epochs, *rest)
+    )
+    layout = StateLayout(FULL_BLOCKS)
+    process, noise = TorqueFreeProcess(layout, ProcessNoise()), SensorNoise(pixel_std=1.0)
+    view = camera_view(dataset)
+    first = FirstEpochs(dataset, view, process, build_timeline(dataset.log, layout, noise, view), noise)
+    sampled, found = SampledEpochs(), None
+    for last in (9, 29):
+        found = first._samples_until(first.timeline[last].time, sampled)
+        assert len(found.time) == last + 1
+    assert found is not None
+    assert counts == [10, 20]
+    whole = first._samples_until(first.timeline[29].time, SampledEpochs())
+    for name in ("time", "attitude", "positions"):
+        np.testing.assert_allclose(getattr(found, name), getattr(whole, name), atol=1e-9)

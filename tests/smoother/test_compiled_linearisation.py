@@ -5,9 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.smoother import linear_system, motion_factors, priors
+from spinfilters.smoother import linear_system, marginalization, motion_factors, priors
 from spinfilters.smoother.kernels import kernels, scipy_address
-from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
+from spinfilters.smoother.marginalization import without_oldest
+from spinfilters.smoother.priors import MarginalizationPrior
+from spinfilters.smoother.problem import LinearizationPoint, LinearProblem, NormalEquations, Problem
 from spinfilters.smoother.window import FixedLag
 from tests.smoother.smoothing_samples import LAYOUT, LONG, PLAIN, run, sample, smoother
 
@@ -88,3 +90,25 @@ def test_a_solution_is_that_of_numpy(
         fast.gradient, plain.gradient, rtol=1e-7, atol=1e-9 * np.abs(plain.gradient).max()
     )
     assert fast.predicted_reduction == pytest.approx(plain.predicted_reduction, rel=1e-7)
+
+
+def test_rows_are_moved_to_the_first_estimates_as_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    window = run(smoother(sample(LONG), FixedLag(5, np.inf)), sample(LONG).epochs[:20]).window
+    problem, trajectory, points = _window(20)
+    normal = problem.normal(here := problem.at(trajectory, points), PLAIN)
+    left = window.seen.landmark[window.seen.epoch < 2]
+    landmarks = np.isin(np.arange(len(window.ids)), left)
+
+    def root() -> MarginalizationPrior:
+        linear = LinearProblem(here, normal)
+        prior = without_oldest(window, problem, linear, landmarks, count=2).marginal_prior
+        assert prior is not None
+        return prior
+
+    fast = root()
+    monkeypatch.setattr(marginalization, "kernels", lambda: None)
+    plain = root()
+    np.testing.assert_allclose(fast.gram, plain.gram, rtol=1e-8, atol=1e-10 * np.abs(plain.gram).max())
+    np.testing.assert_allclose(
+        fast.information_sqrt.T @ fast.right, plain.information_sqrt.T @ plain.right, rtol=1e-7, atol=1e-6
+    )

@@ -116,7 +116,8 @@ def test_a_disturbance_points_where_the_block_that_holds_it_moves_the_steps(name
 def shifted(rows: LinearRows, by: Columns) -> LinearRows:
     """The same problem with another right-hand side."""
     other = LinearRows(rows.problem, rows.here, rows.normal)
-    other.__dict__["right"] = rows.right.minus(by.times(-np.ones((by.count, 1))))
+    right = rows.right.minus(by.times(-np.ones((by.count, 1))))
+    other.__dict__.update(right=right, left=rows.residual(right))
     return other
 
 

@@ -116,6 +116,10 @@ class StereoSensor(Sensor):
         poses = poses_with_map(stream, view.known_map, view.calibration, level)
         return posed_samples(poses.time, poses.values, view)
 
+    def samples_each_epoch(self, view: CameraView | None) -> bool:
+        """With a known map, to which each epoch is fitted by itself."""
+        return view is not None and view.known_map is not None
+
     def simulate(self, scene: Scene) -> SimulatedStream:
         """Pixels of the landmarks in view of both cameras."""
         stream, landmarks = stereo_tracks(scene.front_end, scene.surface, scene.seen, scene.generator)

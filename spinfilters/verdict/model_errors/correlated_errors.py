@@ -396,7 +396,7 @@ def observation_correlation(rows: LinearRows) -> ObservationCorrelation | None:
 
     None where there are none, or each is seen once.
     """
-    left, products, squares, count = rows.residual(rows.right), 0.0, np.zeros(2), 0
+    left, products, squares, count = rows.left, 0.0, np.zeros(2), 0
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     fit = rows.normal.eliminated
     if fit is not None and left.observations is not None:

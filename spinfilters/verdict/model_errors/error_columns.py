@@ -351,7 +351,9 @@ def right_camera_late(motion: SmoothedMotion) -> Columns | None:
     """The right image is taken later than the left one: u_right moves with the image during the delay."""
 
     def shift(each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
-        counts = np.flatnonzero(np.abs(each.whitening).max(axis=(1, 2)) > 0)
+        counts = np.flatnonzero(
+            each.whitening[:, 0, 0] > 0
+        )  # of a lower triangle, zero of what does not count
         by = np.zeros((*each.change.shape, 1))
         by[counts, RIGHT, 0] = _solve_lower(each.whitening[counts], each.change[counts])[:, RIGHT]
         return by
@@ -366,7 +368,7 @@ def _of_images(motion: SmoothedMotion, shift: Shift, cameras: int = 1) -> Column
 
 def _normalised(each: MeasuredRows) -> tuple[Float[np.ndarray, "r i"], Float[np.ndarray, "r i"]]:
     """Image coordinates of predicted pixels about the principal point over the focal length, and that length, by component."""
-    pixels, calibration = each.model.predict(each.states, each.parameters), each.parameters[:, CALIBRATION:]
+    pixels, calibration = each.expected, each.parameters[:, CALIBRATION:]
     columns = [U, V, U][: pixels.shape[1]]
     focal, centre = calibration[:, columns], calibration[:, [2 + k for k in columns]]
     return (pixels - centre) / focal, focal

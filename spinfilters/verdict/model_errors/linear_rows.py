@@ -13,8 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_triangular
 
+from spinfilters.core.compiled import address
 from spinfilters.core.linear_algebra import STRETCH
 from spinfilters.smoother.epoch_rows import EpochRows
+from spinfilters.smoother.kernels import kernels
 from spinfilters.smoother.linear_system import SchurSystem
 from spinfilters.smoother.motion_factors import SensorRows, prior_rows
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
@@ -306,8 +308,11 @@ class LinearRows:
 
     @cached_property
     def left(self) -> Columns:
-        """M y, what the solution leaves of the measurements."""
-        return self.residual(self.right)
+        """M y = y - J e, what the solution e leaves of the measurements."""
+        fit, ordering, errors = self.normal.eliminated, self.problem.ordering, self.solution.errors
+        landmarks = np.zeros((0, 3)) if fit is None else fit.points_step(self.solution.poses)
+        parts = (errors[:, ordering.moving], errors[0, ordering.constant], landmarks)
+        return self.right.minus(self._explained_rows(Gradient(*(part[..., None] for part in parts))))
 
     @cached_property
     def observation_rows(self) -> Float[np.ndarray, "N 3 10"] | None:
@@ -457,7 +462,11 @@ class LinearRows:
 
     def _forward(self, b: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
         """n_k = L_k^-1 (b_k - F_k-1' n_k-1)."""
-        inverses, F, n = self._inverses, self.solution.tridiagonal.next, b.copy()
+        chain, library, n = self.solution.tridiagonal, kernels(), np.array(b, dtype=float, order="C")
+        if library is not None:
+            library.chain_forward(*n.shape, *map(address, (chain.information_sqrts, chain.next, n)))
+            return n
+        inverses, F = self._inverses, chain.next
         for k in range(len(n)):
             if k:
                 n[k] -= F[k - 1].T @ n[k - 1]
@@ -466,7 +475,11 @@ class LinearRows:
 
     def _solve_backwards(self, n: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
         """e_k = L_k^-T (n_k - F_k e_k+1)."""
-        inverses, F = self._inverses, self.solution.tridiagonal.next
+        chain, library, n = self.solution.tridiagonal, kernels(), np.array(n, dtype=float, order="C")
+        if library is not None:
+            library.chain_backward(*n.shape, *map(address, (chain.information_sqrts, chain.next, n)))
+            return n
+        inverses, F = self._inverses, chain.next
         for k in range(len(n) - 1, -1, -1):
             if k + 1 < len(n):
                 n[k] -= F[k] @ n[k + 1]

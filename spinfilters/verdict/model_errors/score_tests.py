@@ -379,7 +379,7 @@ def _by_epoch(
     chosen = evenly_spaced(K, MOST_EPOCHS)
     F = information_by_epoch(motion.rows, columns, chosen)
     u = _score_by_epoch(motion, columns, left.columns)[chosen].reshape(-1)
-    if not np.isfinite(F).all() or np.trace(F) <= LEAST_LEFT * float(np.trace(columns.gram(columns))):
+    if not np.isfinite(F).all() or np.trace(F) <= LEAST_LEFT * float(columns.squares.sum()):
         return None
     values, vectors = np.linalg.eigh(F)
     values, along = np.maximum(values, 0.0), vectors.T @ u

@@ -63,6 +63,23 @@ class MeasuredRows:
     whitening: Float[np.ndarray, "r i i"]
     change: Float[np.ndarray, "r i"]
 
+    @cached_property
+    def expected(self) -> Float[np.ndarray, "r v"]:
+        """Expected values."""
+        return self.model.predict(self.states, self.parameters)
+
+    def whitened(self, shift: Float[np.ndarray, "r i m"]) -> Float[np.ndarray, "r i m"]:
+        """W d of shifts d of the innovations, entry by entry of W: products of thousands of small matrices take longer."""
+        found = np.zeros_like(shift)
+        for i, j in self._entries:
+            found[:, i] += self.whitening[:, i, j, None] * shift[:, j]
+        return found
+
+    @cached_property
+    def _entries(self) -> list[tuple[int, int]]:
+        """Rows and columns of the whitening that are not zero in all measurements."""
+        return [(int(i), int(j)) for i, j in np.argwhere(self.whitening.any(axis=0))]
+
     def by_calibration(self, parameter: ConsiderParameter) -> Float[np.ndarray, "r i e"] | None:
         """Change of the innovations per unit of a calibration error; None for an error of another sensor."""
         if parameter.moved is None or self.model.name not in parameter.sensors:
@@ -236,7 +253,7 @@ class SmoothedMotion:
     def shifted(self, shift: Shift) -> Columns | None:
         """Right-hand sides of errors of measurements; None where no measurement has them."""
         found = [(each, shift(each)) for each in self.measured]
-        made = [_WhitenedShift(each, each.whitening @ by) for each, by in found if by is not None]
+        made = [_WhitenedShift(each, each.whitened(by)) for each, by in found if by is not None]
         return self._place_columns(made) if made else None
 
     def in_time(self, late: Callable[[MeasurementModel], Float[np.ndarray, "k m"]]) -> Columns | None:
