@@ -132,27 +132,33 @@ void refresh(integer count, const integer* at, integer begin, integer end, integ
 
 /* Transformations of all slots, one step on: of the modes, and what is dropped of them, by the last M rows of `turned`. */
 static void compose(integer slots, const double* turned, const double* by, const Map* map) {
+  enum { QL = (Q + LANES - 1) / LANES, ML = (M + LANES - 1) / LANES };
+  lane from[M * QL] = {{0}};
+  /* rows of `turned`, filled up to whole lanes */
+  for (int m = 0; m < M; ++m) memcpy(from + m * QL, turned + (C + m) * Q, Q * sizeof(double));
   for (integer s = 0; s < slots; ++s) {
-    double *T = map->transform + s * M * M, *S = map->spread + s * M * M, f[M * C];
+    double *T = map->transform + s * M * M, *S = map->spread + s * M * M;
+    lane f[C * ML] = {{0}};
     /* Row a of transform [modes kept | dropped]: shift += T by, T <- T kept, f = T dropped (stored [C][M]). */
     for (int a = 0; a < M; ++a) {
-      double sum = 0, row[Q] = {0};
+      double sum = 0;
+      lane row[QL] = {{0}};
       for (int m = 0; m < M; ++m) {
-        const double t = T[a * M + m], *from = turned + (C + m) * Q;
+        const double t = T[a * M + m];
         sum += t * by[m];
-        for (int l = 0; l < Q; ++l) row[l] += t * from[l];
+        for (int l = 0; l < QL; ++l) row[l] += t * from[m * QL + l];
       }
       map->shift[s * M + a] += sum;
       memcpy(T + a * M, row, M * sizeof(double));
-      for (int l = 0; l < C; ++l) f[l * M + a] = row[M + l];
+      for (int l = 0; l < C; ++l) ((double*)(f + l * ML))[a] = ((double*)row)[M + l];
     }
     /* spread += f f', the dropped modes at unit covariance. */
     for (int a = 0; a < M; ++a) {
-      double row[M];
-      memcpy(row, S + a * M, sizeof row);
+      lane row[ML] = {{0}};
+      memcpy(row, S + a * M, M * sizeof(double));
       for (int l = 0; l < C; ++l)
-        for (int c = 0; c < M; ++c) row[c] += f[l * M + a] * f[l * M + c];
-      memcpy(S + a * M, row, sizeof row);
+        for (int c = 0; c < ML; ++c) row[c] += ((double*)(f + l * ML))[a] * f[l * ML + c];
+      memcpy(S + a * M, row, M * sizeof(double));
     }
   }
 }
