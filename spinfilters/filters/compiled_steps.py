@@ -174,6 +174,8 @@ def compiled_propagation(size: int) -> CompiledPropagation | None:
 
 SHAPE = (3, 6)
 """Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
+SAID = 5
+"""Numbers that a correction by landmarks tells besides: log noise, NIS, and `LandmarkSteps.lever_squares`."""
 ROWS_BESIDE_MODES = 48
 """Rows of the factor besides those of the modes: state and move."""
 _EPOCH_SIGNATURES = {
@@ -239,6 +241,8 @@ class CompiledSteps:
         self, stored: LandmarkArrays, at: Int[np.ndarray, " k"], white: WhitenedLandmarks
     ) -> Float[np.ndarray, "3"]:
         """Sums of squares as `NumpySteps.lever_squares`, in C."""
+        if white.levers is not None:
+            return white.levers
         _, d, width = white.shape
         if (d, width - self._modes - 1) != SHAPE:
             return self._reference.lever_squares(stored, at, white)
@@ -276,7 +280,7 @@ class CompiledSteps:
         if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
             return None
         kept, room = np.empty((-(-k // LANES), d * (width + 6), LANES)), np.empty(k * (d * (c + 4) + 3))
-        made, said, given = _allocate_correction(factor), np.empty(2), (x, o.parameters, o.values, o.at)
+        made, said, given = _allocate_correction(factor), np.empty(SAID), (x, o.parameters, o.values, o.at)
         x, parameters, values, at = (np.ascontiguousarray(array) for array in given)
         behind_points = address(parameters) + 3 * parameters.itemsize
         if not self._c.solve(
@@ -287,8 +291,9 @@ class CompiledSteps:
             *map(address, (o.columns, *made)),
         ):
             return None
-        log_noise, nis = said.tolist()
-        return _correction(made, nis, k * d, log_noise), WhitenedLandmarks(kept, (k, d, width), log_noise)
+        log_noise, nis = said[:2].tolist()
+        white = WhitenedLandmarks(kept, (k, d, width), log_noise, said[2:])
+        return _correction(made, nis, k * d, log_noise), white
 
     def solved_rows(
         self,
@@ -304,15 +309,16 @@ class CompiledSteps:
             return None
         width += self._modes - 3
         kept, made = np.empty((-(-k // LANES), d * (width + 6), LANES)), _allocate_correction(factor)
-        said, weights = np.array([log_noise, 0.0]), np.full(k, 1 / o.scale)
+        said, weights = np.full(SAID, log_noise), np.full(k, 1 / o.scale)
         given = [np.ascontiguousarray(array) for array in (linear, weights, o.at)]
         if not self._c.solve_rows(
             *(k, *map(address, given), limit, self._map(o.landmarks), address(said), address(kept), n),
             *map(address, (o.columns, *made)),
         ):
             return None
-        log_noise, nis = said.tolist()
-        return _correction(made, nis, k * d, log_noise), WhitenedLandmarks(kept, (k, d, width), log_noise)
+        log_noise, nis = said[:2].tolist()
+        white = WhitenedLandmarks(kept, (k, d, width), log_noise, said[2:])
+        return _correction(made, nis, k * d, log_noise), white
 
     def regressed(
         self, observations: MapObservations, spread: PoseSpread, points: SigmaPoints

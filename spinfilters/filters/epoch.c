@@ -250,8 +250,8 @@ double correct(integer count, integer n, const Group* g, const integer* columns,
   return correct_rows(R, n, columns, factor, root, shift, error);
 }
 
-/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant
- * of what whitens all, by which it grows, and the normalised innovation squared. */
+/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant of what whitens
+ * all, by which it grows, the normalised innovation squared, and three squares of `sum_levers`. */
 int solve_rows(integer count, const double* linear, const double* weights, const integer* at, double limit, const Map* map,
                double* said, Group* g, integer n, const integer* columns, double* factor, double* root, double* shift,
                double* error) {
@@ -266,6 +266,7 @@ int solve_rows(integer count, const double* linear, const double* weights, const
     if (!(length <= limit)) return 0;
   }
   said[1] = correct(count, n, g, columns, factor, root, shift, error);
+  sum_levers((count + LANES - 1) / LANES, g, count, at, map, said + 2);
   return 1;
 }
 

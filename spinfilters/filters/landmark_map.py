@@ -344,7 +344,7 @@ class HeldMap:
     ) -> tuple[Float[np.ndarray, "N N"], MapChange]:
         """Factor and change of the map after an update that led to this mean."""
         o, held, correction = observations, self.landmarks, solved.correction
-        at, n = o.at[solved.used], o.layout.error_dim
+        at, n = solved.rows_of(o.at), o.layout.error_dim
         used, weights = held.ids[at], o.scale * solved.weights
         wrong, fresh = self._find_refused(o, solved)
         reset = o.layout.reset_jacobian(correction.error[:n])

@@ -235,11 +235,14 @@ class WhitenedLandmarks:
         (k, d, c + r + 1).
     log_noise : float
         Log determinant of all T, less that of the square roots of the weights.
+    levers : ndarray of float, shape (3,), or None
+        Their `LandmarkSteps.lever_squares`, where these are known already.
     """
 
     kept: Float[np.ndarray, "g s l"]
     shape: tuple[int, int, int]
     log_noise: float
+    levers: Float[np.ndarray, "3"] | None = None
 
     @cached_property
     def rows(self) -> Float[np.ndarray, "k d w"]:
