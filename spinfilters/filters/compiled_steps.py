@@ -19,7 +19,7 @@ from spinfilters.core.compiled import address
 from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.landmark_steps import (
     NEW_LANDMARK_SHARE,
-    AddedLandmarks,
+    ClosedEpoch,
     Closing,
     LandmarkArrays,
     LinearisedObservations,
@@ -186,7 +186,7 @@ _EPOCH_SIGNATURES = {
     "solve": Signature("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
     "solve_rows": Signature("ipppd" + "ppp" + "ip" + "pppp", ctypes.c_int),
     "regress": Signature("ippi" + "pipi" + "ppp" + "ppp", None),
-    "close_epoch": Signature("ippp" + "ippd" + "ip" + "ppppp" + "iiiiip", None),
+    "close_epoch": Signature("ippp" + "ippd" + "iipppp" + "pppp" + "iiiiip", None),
 }
 _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "points", "modes", "roots")
 
@@ -342,32 +342,26 @@ class CompiledSteps:
         )
         return LinearisedObservations(rows, valid > 0, log_noise)
 
-    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
+    def close(self, stored: LandmarkArrays, closing: Closing) -> ClosedEpoch:
         """Close an epoch as `NumpySteps.close`, in C."""
-        r, n, (k, _, c) = len(closing.remembered), closing.factor.shape[1], closing.by_pose.shape
+        r, correction, (k, _, c) = len(closing.remembered), closing.correction, closing.by_pose.shape
         if (closing.white.shape[1], c) != SHAPE:
             return self._reference.close(stored, closing)
-        new = NewModes(np.empty((c + r, c + r)), np.empty((r, n)), closing.remembered.copy())
+        states, n, after = len(closing.reset), len(correction.factor), np.empty(correction.factor.shape)
+        new = NewModes(np.empty((c + r, c + r)), after[states : states + r], closing.remembered.copy())
         modes, roots = np.empty((k, 3, r), self._kept), np.empty((k, 3, 3), self._kept)
-        at, by_pose, own = map(np.ascontiguousarray, (closing.at, closing.by_pose, closing.roots))
-        places = [address(array) if k else None for array in (by_pose, own, modes, roots)]
+        given = (closing.at, correction.error, closing.columns, closing.reset, correction.factor)
+        at, error, columns, reset, factor = map(np.ascontiguousarray, given)
+        fresh = [np.ascontiguousarray(array) for array in (closing.by_pose, closing.roots)]
+        places = [address(array) if k else None for array in (*fresh, modes, roots)]
         self._c.close_epoch(
-            len(at),
-            *map(address, (closing.white.kept, at, closing.error)),
-            k,
-            *places[:2],
-            NEW_LANDMARK_SHARE,
-            n,
-            *map(address, (closing.factor, new.explained, new.turned, new.rows)),
+            *(len(at), *map(address, (closing.white.kept, at, error)), k, *places[:2], NEW_LANDMARK_SHARE),
+            *(n, states, *map(address, (columns, reset, factor, after, new.explained, new.turned))),
             *places[2:],
-            stored.count,
-            *closing.behind,
-            len(stored.shift),
-            stored.now,
-            self._map(stored),
+            *(stored.count, *closing.behind, len(stored.shift), stored.now, self._map(stored)),
         )
         stored.now += 1
-        return AddedLandmarks(new, modes, roots)
+        return ClosedEpoch(new, modes, roots, after)
 
     def _map(self, stored: LandmarkArrays) -> int:
         """Address of those of the map's arrays, looked up when they are other arrays."""

@@ -250,8 +250,8 @@ double correct(integer count, integer n, const Group* g, const integer* columns,
   return correct_rows(R, n, columns, factor, root, shift, error);
 }
 
-/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant of what whitens
- * all, by which it grows, the normalised innovation squared, and three squares of `sum_levers`. */
+/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant of what
+ * whitens all, by which it grows, the normalised innovation squared, and three squares of `sum_levers`. */
 int solve_rows(integer count, const double* linear, const double* weights, const integer* at, double limit, const Map* map,
                double* said, Group* g, integer n, const integer* columns, double* factor, double* root, double* shift,
                double* error) {
@@ -734,14 +734,29 @@ static void settle_new(integer count, const double* by_pose, const double* own, 
   }
 }
 
-/* `LandmarkSteps.close`: everything after the correction of an epoch, in the order of its NumPy reference. fresh: new landmarks,
- * by_pose [fresh][3][C] and own [fresh][3][3]; begin and end of the rows whose turn it is. */
+/* `LandmarkSteps.close`: everything after the correction of an epoch, in the order of its NumPy reference. error [n] and factor
+ * [n][n] of all errors, of which pose and modes are the columns [Q] and the state the first `states`, with its reset Jacobian;
+ * after [n][n] gets the factor about the new mean. fresh: new landmarks, by_pose [fresh][3][C] and own [fresh][3][3]; begin and end
+ * of the rows whose turn it is. */
 void close_epoch(integer count, Group* groups, const integer* at, const double* error, integer fresh, const double* by_pose,
-                 const double* own, double share, integer n, const double* both, double* explained, double* turned,
-                 double* mode_rows, stored* new_modes, stored* new_roots,
-                 integer total, integer begin, integer end, integer slots, integer now,
-                 const Map* map) {
-  double G[Q * Q] = {0}, wide[Q * PITCH] = {0};
+                 const double* own, double share, integer n, integer states, const integer* columns, const double* reset,
+                 const double* factor, double* after, double* explained, double* turned, stored* new_modes, stored* new_roots,
+                 integer total, integer begin, integer end, integer slots, integer now, const Map* map) {
+  double G[Q * Q] = {0}, wide[Q * PITCH] = {0}, both[Q * N], moved[Q];
+  /* factor and error of pose and modes */
+  for (int k = 0; k < Q; ++k) {
+    memcpy(both + k * n, factor + columns[k] * n, n * sizeof(double));
+    moved[k] = error[columns[k]];
+  }
+  /* rows of the state by its reset Jacobian, most entries of which are zero; those of modes come below, the move's stay */
+  memset(after, 0, states * n * sizeof(double));
+  memcpy(after + states * n, factor + states * n, (n - states) * n * sizeof(double));
+  for (integer i = 0; i < states; ++i)
+    for (integer r = 0; r < states; ++r) {
+      const double j = reset[i * states + r];
+      if (j != 0)
+        for (integer k = 0; k < n; ++k) after[i * n + k] += j * factor[r * n + k];
+    }
   pull(groups, (count + LANES - 1) / LANES, G);
   /* New landmarks in G, poses only: share (L^-1 by_pose)' (L^-1 by_pose). */
   for (integer i = 0; i < fresh; ++i) {
@@ -756,9 +771,9 @@ void close_epoch(integer count, Group* groups, const integer* at, const double* 
       for (int b = 0; b < C; ++b)
         for (int d = 0; d < 3; ++d) G[a * Q + b] += share * scaled[d * C + a] * scaled[d * C + b];
   }
-  compress(G, n, both, explained, turned, mode_rows);
+  compress(G, n, both, explained, turned, after + states * n);
   refresh(total, 0, begin, end, now, slots, map);
-  compose(slots, turned, error + C, map);
+  compose(slots, turned, moved + C, map);
   const integer slot = ++now % slots;
   memset(map->transform + slot * M * M, 0, M * M * sizeof(double));
   memset(map->spread + slot * M * M, 0, M * M * sizeof(double));
@@ -767,6 +782,6 @@ void close_epoch(integer count, Group* groups, const integer* at, const double* 
   for (int a = 0; a < M; ++a) map->transform[slot * M * M + a * M + a] = 1;
   /* rows of PITCH numbers, as `settle` reads them */
   for (int k = 0; k < Q; ++k) memcpy(wide + k * PITCH, turned + k * Q, Q * sizeof(double));
-  observe(count, groups, at, error, wide, now, map);
+  observe(count, groups, at, moved, wide, now, map);
   settle_new(fresh, by_pose, own, wide, new_modes, new_roots);
 }
