@@ -35,6 +35,8 @@ RECOVERY_COUNT: Final = 600.0
 """Seconds that a scheduler may be away before the campaign gives up; what is done is kept."""
 AHEAD: Final = 3
 """Chunks per thread of the cluster that are under way."""
+TOGETHER: Final = 16
+"""Chunks that are handed out at once, at most, so that short runs do not wait for Dask; fewer towards the end."""
 CHECKED_EVERY: Final = 2.0
 """Seconds after which the threads of the cluster are counted again, and a scheduler that gives no row is asked."""
 
@@ -167,7 +169,9 @@ def _collect_rows(client: Client, study: Study, chunks: Iterable[Chunk]) -> Iter
             if time.monotonic() - asked >= CHECKED_EVERY:  # workers come and go
                 most, asked = AHEAD * _threads(client), time.monotonic()
             while waiting and len(under_way) < most:
-                future = client.submit(make_runs, name, waiting.popleft(), pure=False)
+                count = max(1, min(TOGETHER, len(waiting) // (2 * most)))
+                taken = tuple(run for _ in range(count) for run in waiting.popleft())
+                future = client.submit(make_runs, name, taken, pure=False)
                 under_way.add(future)
                 future.add_done_callback(answered.put)
             try:

@@ -10,7 +10,7 @@ and P+ after it, d the correction of the mean, y = F^-1 d and K = 1 - F^-1 P+ F^
 A test's score is the excess over its standard deviation; the ratio is that of the variance seen to the stated one, to first order.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
@@ -18,17 +18,17 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.linear_algebra import dtrtrs
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.filters.noise_levels import motion_evidence
-from spinfilters.filters.square_root import triangular_factor
+from spinfilters.filters.square_root import lower_roots
 from spinfilters.io.disturbances import NAMES, noise_columns
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_layout import Gaussian
 
 MOST_EPOCHS: Final = 1500
 """That are tested, from a filter's first on."""
+TOGETHER: Final = 256
+"""Epochs whose arrays are in memory together."""
 MEASUREMENTS: Final = "measurements"
 TESTS: Final = (MEASUREMENTS, *NAMES)
 """Of the noise, in the order of an epoch's sums."""
@@ -143,16 +143,19 @@ class FilterEpoch:
 
 
 @dataclass(frozen=True)
-class _Update:
-    """y, 1 - K and F of one update in its prediction's tangent space.
+class _Updates:
+    """y, 1 - K and F of the updates of k epochs, each in its prediction's tangent space.
 
-    reset leads from there to the tangent space of its mean.
+    reset leads from there to the tangent space of the mean. With the transition Phi and the noise factor N of the step before,
+    entered is F^-1 N and moved F^-1 Phi.
     """
 
-    y: Float[np.ndarray, " n"]
-    left: Float[np.ndarray, "n n"]
-    factor: Float[np.ndarray, "n n"]
-    reset: Float[np.ndarray, "n n"]
+    y: Float[np.ndarray, "k n"]
+    left: Float[np.ndarray, "k n n"]
+    factor: Float[np.ndarray, "k n n"]
+    reset: Float[np.ndarray, "k n n"]
+    entered: Float[np.ndarray, "k n q"]
+    moved: Float[np.ndarray, "k n n"]
 
 
 class EpochTester:
@@ -170,7 +173,11 @@ class EpochTester:
         self._latest: tuple[np.ndarray, np.ndarray] | None = None
 
     def take(self, epoch: FilterEpoch) -> Float[np.ndarray, "t 4"]:
-        """Sums of one epoch for every one of `TESTS`, and the correlation with the epoch before.
+        """`take_all` of one epoch."""
+        return self.take_all([epoch])
+
+    def take_all(self, epochs: Sequence[FilterEpoch]) -> Float[np.ndarray, "t 4"]:
+        """Sums of one epoch or several for every one of `TESTS`, and the correlation with the epoch before.
 
         A row of each test holds the sum of squares, its expectation, its information and the information by the measurements'
         noise. The last row holds the correlation, its variance and its length.
@@ -179,39 +186,34 @@ class EpochTester:
         ------
         numpy.linalg.LinAlgError, or what the process raises: numbers that lead nowhere.
         """
-        moved, transition, noise = self._process.linearise(epoch.before.mean, epoch.dt)
-        update = _update(
-            epoch.after, moved, triangular_factor(np.hstack([transition @ epoch.before.factor, noise]).T)
-        )
-        sums = no_sums()
+        updates, sums = _updates(self._process, epochs), no_sums()
         for source, columns in noise_columns(self._process.layout.blocks).items():
-            own = self._of_motion(source, noise[:, columns], transition, update)
-            sums[TESTS.index(source)] = own
-        K = np.eye(len(update.y)) - update.left
-        if epoch.dof > 0:
-            sums[0, :3] = _of_measurements(epoch, update.y, K)
-        if self._latest is not None:
-            y, last = self._latest
-            sums[-1, :3] = update.y @ y, np.vdot(K, last), _mean_trace(K, last)
-        self._latest = update.y, K
+            sums[TESTS.index(source)] = self._of_motion(source, columns, updates)
+        K = np.eye(updates.y.shape[1]) - updates.left
+        for epoch, y, gain in zip(epochs, updates.y, K, strict=True):
+            if epoch.dof > 0:
+                sums[0, :3] += _of_measurements(epoch, y, gain)
+            if self._latest is not None:
+                before, last = self._latest
+                sums[-1, :3] += y @ before, np.vdot(gain, last), _mean_trace(gain, last)
+            self._latest = y, gain
         return sums
 
-    def _of_motion(
-        self,
-        source: str,
-        noise: Float[np.ndarray, "n k"],
-        transition: Float[np.ndarray, "n n"],
-        update: _Update,
-    ) -> tuple[float, float, float, float]:
-        entered = noise @ noise.T
-        if source in self._known:
-            entered += transition @ self._known[source] @ transition.T
-        D = _in_factor(update.factor, entered)
-        evidence = motion_evidence(D, update.left, update.y)
-        shrunk = update.reset @ update.factor @ update.left
-        self._known[source] = shrunk @ D @ shrunk.T
-        by_measurements = float(np.vdot(D - D @ update.left, update.left))
-        return evidence.squared, evidence.expected, evidence.information, by_measurements
+    def _of_motion(self, source: str, columns: slice, updates: _Updates) -> tuple[float, float, float, float]:
+        G, S = updates.entered[:, :, columns], updates.reset @ updates.factor @ updates.left
+        D, back = G @ G.swapaxes(1, 2), S.swapaxes(1, 2)
+        known = self._known.get(source)
+        # what a density has added to an epoch's covariance is moved on to the next one's, less what the update has taken off
+        for k, moved in enumerate(updates.moved):
+            if known is not None:
+                D[k] += moved @ known @ moved.T
+            known = S[k] @ D[k] @ back[k]
+        if known is not None:
+            self._known[source] = known
+        share = D - D @ updates.left
+        squared = np.einsum("ki,kij,kj->", updates.y, D, updates.y)
+        expected, information = np.einsum("kii->", share), np.einsum("kij,kji->", share, share)
+        return float(squared), float(expected), float(information), float(np.vdot(share, updates.left))
 
 
 def no_sums() -> Float[np.ndarray, "t 4"]:
@@ -252,34 +254,41 @@ def filter_tests(
         Gaussian(history.layout, history.mean[k], history.factor[k])
         for k in range(begin - 1, min(len(history.time), begin + most))
     ]
-    for k, (before, after) in enumerate(pairwise(beliefs), start=begin):
-        dt = float(history.time[k] - history.time[k - 1])
-        sums += tester.take(FilterEpoch(before, after, dt, float(history.nis[k]), float(history.dof[k])))
+    epochs = [
+        FilterEpoch(
+            before,
+            after,
+            float(history.time[k] - history.time[k - 1]),
+            float(history.nis[k]),
+            float(history.dof[k]),
+        )
+        for k, (before, after) in enumerate(pairwise(beliefs), start=begin)
+    ]
+    for first in range(0, len(epochs), TOGETHER):
+        sums += tester.take_all(epochs[first : first + TOGETHER])
     return summed_tests(sums)
 
 
-def _update(after: Gaussian, moved: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n n"]) -> _Update:
-    """The belief refers to its own mean: in the prediction's tangent space it has another factor."""
-    error = after.layout.local(moved, after.mean)
-    reset = after.layout.reset_jacobian(error)
-    at_prediction = np.linalg.solve(reset, after.factor)
-    solved, failed = dtrtrs(factor, np.column_stack([at_prediction, error]), lower=1)
-    if failed:
-        raise np.linalg.LinAlgError("a predicted covariance is singular")
-    return _Update(solved[:, -1], solved[:, :-1] @ solved[:, :-1].T, factor, reset)
+def _updates(process: ProcessModel, epochs: Sequence[FilterEpoch]) -> _Updates:
+    """The beliefs refer to their own means: in the prediction's tangent space they have other factors."""
+    layout = process.layout
+    steps = [process.linearise(each.before.mean, each.dt) for each in epochs]
+    predicted, transition, noise = (np.array(part) for part in zip(*steps, strict=True))
+    before = np.array([each.before.factor for each in epochs])
+    factor = lower_roots(np.concatenate([transition @ before, noise], axis=2))
+    error = layout.local(predicted, np.array([each.after.mean for each in epochs]))
+    reset = layout.reset_jacobian(error)
+    at_prediction = np.linalg.solve(reset, np.array([each.after.factor for each in epochs]))
+    n, q = error.shape[1], noise.shape[2]
+    right = np.concatenate([at_prediction, transition, noise, error[..., np.newaxis]], axis=2)
+    solved = np.linalg.solve(factor, right)
+    own, moved, entered, y = np.split(solved, [n, 2 * n, 2 * n + q], axis=2)
+    return _Updates(y[..., 0], own @ own.swapaxes(1, 2), factor, reset, entered, moved)
 
 
 def _mean_trace(one: Float[np.ndarray, "n n"], other: Float[np.ndarray, "n n"]) -> float:
     """Geometric mean; rounding may leave a trace of nothing below zero."""
     return float(np.sqrt(max(np.trace(one), 0.0) * max(np.trace(other), 0.0)))
-
-
-def _in_factor(
-    factor: Float[np.ndarray, "n n"], covariance: Float[np.ndarray, "n n"]
-) -> Float[np.ndarray, "n n"]:
-    """F^-1 C F^-T."""
-    half = dtrtrs(factor, covariance, lower=1)[0]
-    return dtrtrs(factor, half.T, lower=1)[0]
 
 
 def _of_measurements(
