@@ -31,7 +31,6 @@ from spinfilters.evaluation.metrics import metrics
 from spinfilters.evaluation.trajectory_errors import body_errors, truth_errors
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, RunsTaken, SensorTimeline
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
-from spinfilters.filters.normalised_squares import normalised_squares
 from spinfilters.filters.timeline import MOST_TOGETHER, rehearse, sensors_of, times_of
 from spinfilters.inference.estimator_entry import begin_with_first_epoch
 from spinfilters.inference.setup import Setup
@@ -264,7 +263,7 @@ def _evaluation(
     long["time"] = (times + simulated.period * np.arange(len(first))[:, np.newaxis]).ravel()
     long["runtime"] = np.zeros(len(long["time"]))
     truth, every = simulated.truth, _history(name, setup, long)
-    errors, nees = truth_errors(motion_of(every), truth), normalised_errors(every, truth, normalised_squares)
+    errors, nees = truth_errors(motion_of(every), truth), normalised_errors(every, truth)
     last = slice(simulated.epochs - 1, None, simulated.epochs)
     true = true_states(truth.chosen(last), layout)
     ends = arrays["mean"][:, -1], arrays["factor"][:, -1]

@@ -1,6 +1,5 @@
 """Consistency of covariances: normalised errors against chi-square bands, and the agreement of two estimates."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,14 +17,13 @@ from spinfilters.core.conventions import PerRun
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import (
     by_stretches,
-    normalised_square,
-    normalised_squares_of,
     normalised_trace,
     regular_factors,
 )
 from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.evaluation.trajectory_errors import common_stamps, rows_within
 from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.normalised_squares import normalised_squares
 from spinfilters.io.truth import BODY_KEYS, TRAJECTORY_FIELDS, Truth, truth_in_moved_frame
 from spinfilters.models.state_blocks import BLOCKS, MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.models.state_layout import StateLayout
@@ -138,13 +136,7 @@ def _fields(truth: Truth, rows: slice | Int[np.ndarray, " n"] = slice(None)) -> 
     }
 
 
-Squares = Callable[[np.ndarray, np.ndarray, Sequence[slice]], np.ndarray]
-"""Of errors, factors of their covariances and some parts of them, the normalised squares, a column for each part."""
-
-
-def normalised_errors(
-    history: EstimateHistory, truth: Truth, squares_of: Squares | None = None
-) -> NormalisedErrors:
+def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedErrors:
     """NEES of a history at its common stamps with a truth.
 
     Both are in the same frames i and g (`truth_in_first_frame`, if need be). Epochs whose mean or factor is not finite are
@@ -155,11 +147,6 @@ def normalised_errors(
 
     The tangent is taken at the estimate. Where the pose of g at the first epoch is exact by definition, the error and the NEES
     of blocks t and a vanish there, and the whole state has six degrees of freedom less in that one epoch.
-
-    Parameters
-    ----------
-    squares_of : Squares or None
-        How squares are computed, as `spinfilters.filters.normalised_squares.normalised_squares`; None: each part by NumPy.
 
     Raises
     ------
@@ -178,7 +165,7 @@ def normalised_errors(
         parts = {b: layout.slice(b) for b in layout.blocks}
         if moved is None:
             parts["total"] = slice(0, layout.error_dim)
-        columns = (squares_of or normalised_squares_of)(away, factor, list(parts.values())).T
+        columns = normalised_squares(away, factor, list(parts.values())).T
         found = dict(zip(parts, columns, strict=True))
         return found if moved is None else found | {"total": _least_square(away, factor, moved[part])}
 
@@ -213,18 +200,19 @@ def rotation_nees(history: EstimateHistory, truth: Truth) -> NormalisedErrors | 
     rows, true_rows = _comparable_epochs(history, truth)
     if not len(rows):
         return None
+    blocks = (RATE.name, MASS_DISTRIBUTION.name)
     components = np.arange(layout.error_dim)
-    columns = {block: components[layout.slice(block)] for block in (RATE.name, MASS_DISTRIBUTION.name)}
-    both = np.concatenate(list(columns.values()))
+    both = np.concatenate([components[layout.slice(block)] for block in blocks])
+    first = len(components[layout.slice(RATE.name)])
+    parts = {"total": slice(0, len(both)), blocks[0]: slice(0, first), blocks[1]: slice(first, len(both))}
 
     def derive(part: slice) -> dict[str, np.ndarray]:
         """NEES of a stretch of epochs."""
-        factor = history.factor[rows[part]]
-        away = layout.local(history.mean[rows[part]], true_states(truth, layout, true_rows[part]))
-        return {
-            name: normalised_square(away[:, at], factor[:, at])
-            for name, at in {"total": both, **columns}.items()
-        }
+        own = _as_slice(rows[part])
+        truly = true_states(truth, layout, _as_slice(true_rows[part]))
+        away = layout.local_pairs(history.mean[own], truly)
+        columns = normalised_squares(away[:, both], history.factor[own][:, both], list(parts.values())).T
+        return dict(zip(parts, columns, strict=True))
 
     squares = by_stretches(len(rows), derive, history.factor)
     return NormalisedErrors(history.time[rows], squares.pop("total"), len(both), squares)

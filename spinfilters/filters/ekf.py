@@ -53,7 +53,9 @@ class FirstOrderFilter(MultiplicativeFilter):
 
     compiled_prediction: ClassVar[bool] = True
     """Whether compiled code predicts: not in a filter with a process of its own."""
-    _compiled_prediction: CompiledPrediction | None = None
+    _prediction: CompiledPrediction | None = None
+    _is_interpreted = False
+    """Whether there turned out to be no compiled code."""
 
     def __init_subclass__(cls) -> None:
         """Make a subclass with its own `linearise_process` predict by it."""
@@ -73,16 +75,27 @@ class FirstOrderFilter(MultiplicativeFilter):
         PredictedMotion
             Mean, covariance factor, transition and scaled noise factor.
         """
-        compiled = self._compiled_prediction
-        if compiled is None and self.compiled_prediction:
-            compiled = self._compiled_prediction = CompiledPrediction.of(self.process, self._curvature)
-        if compiled is not None:
-            scales = self._adaptation.column_scales(self.layout)
-            predicted = compiled(self.mean, self.factor, dt, scales, self._curvature)
-            if predicted is not None:
-                return predicted
-            self._compiled_prediction = None  # it will know more substeps
-        return super().predict_belief(dt)
+        predicted = self._predict_in_one_pass(dt)
+        if predicted is None and self.compiled_prediction and not self._is_interpreted:
+            self._build_prediction(dt)
+            predicted = self._predict_in_one_pass(dt)
+        return super().predict_belief(dt) if predicted is None else predicted
+
+    def _predict_in_one_pass(self, dt: float) -> PredictedMotion | None:
+        """By what has been compiled for other steps."""
+        if self._prediction is None:
+            return None
+        scales = self._adaptation.column_scales(self.layout)
+        return self._prediction(self.mean, self.factor, dt, scales, self._curvature)
+
+    def _build_prediction(self, dt: float) -> None:
+        """Build what a step like this needs, so that all steps like it, in any run, have the same bits."""
+        self.process.linearise(self.mean, dt)
+        stretch = self._curvature.next_stretch(self.layout, self.mean, self.factor, dt)
+        if stretch is not None:
+            self.process.linearise(self.mean, stretch)
+        self._prediction = CompiledPrediction.of(self.process, self._curvature)
+        self._is_interpreted = self._prediction is None
 
     def linearise_process(self, dt: float) -> LinearisedProcess:
         """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""

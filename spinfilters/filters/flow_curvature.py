@@ -91,6 +91,18 @@ class FlowCurvature:
         """Whether a stretch begins with a step of this duration (s)."""
         return self._left < dt / 2
 
+    def next_stretch(
+        self,
+        layout: StateLayout,
+        mean: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        dt: float,
+    ) -> float | None:
+        """Duration (s) of the stretch that begins with a step of dt; None where none begins."""
+        if not self.is_due(dt) or not _is_soft(layout, factor[np.newaxis]).all():
+            return None
+        return self.stretch(float(np.linalg.norm(mean[layout.mean_slice(RATE.name)])), dt)
+
     def stretch(self, rate: float, dt: float) -> float:
         """Duration (s) of a stretch at a rate (rad/s), of no less than a step."""
         return max(self.turn / rate, dt) if rate else dt

@@ -208,6 +208,7 @@ def write_covariance(path: Path, stream: MeasurementStream) -> None:
 TUM_COLUMNS: Final[tuple[str, ...]] = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 """s, m (origin of g in i), unit quaternion q_ig, scalar last."""
 _DECIMALS = 9
+_WRITE_ROWS = 4096
 
 
 def read_tum(path: Path) -> MeasurementStream:
@@ -238,14 +239,20 @@ def write_poses(
     quaternion: Float[np.ndarray, "n 4"],
 ) -> None:
     """Write times (s), positions (m) and unit quaternions as `write_tum` does."""
+    rows = np.column_stack([time, position, quaternion])
     with atomic_file(path) as file:
         file.write(f"# {' '.join(TUM_COLUMNS)}\n".encode())
-        for row in zip(time, position, quaternion, strict=True):
-            file.write((" ".join(map(_decimal, np.hstack(row))) + "\n").encode())
+        for start in range(0, len(rows), _WRITE_ROWS):
+            for row in rows[start : start + _WRITE_ROWS].tolist():
+                file.write((" ".join(map(_decimal, row)) + "\n").encode())
 
 
 def _decimal(number: float) -> str:
-    return np.format_float_positional(number, unique=True, trim="k", min_digits=_DECIMALS)
+    """Without an exponent, with at least `_DECIMALS` decimals, and as many as give the same bits."""
+    text = repr(number)
+    if "e" in text or "." not in text:  # very small or large, or no number
+        return np.format_float_positional(number, unique=True, trim="k", min_digits=_DECIMALS)
+    return text.ljust(text.index(".") + 1 + _DECIMALS, "0")
 
 
 LANDMARK_COLUMNS: Final[tuple[str, ...]] = ("landmark_id", "x", "y", "z")

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from spinfilters.core.errors import InputError
 from spinfilters.filters.estimator import Estimator, LandmarkBelief
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
-from spinfilters.filters.timeline import Timeline, times_of
+from spinfilters.filters.timeline import Timeline, by_sensor, times_of
 from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import make_folder
@@ -122,16 +122,14 @@ def _short(digest: object) -> str:
 
 
 def _digest_of_timeline(timeline: Timeline) -> str:
-    digest = hashlib.sha256()
-    for epoch in timeline:
-        digest.update(f"{epoch.time.hex()} {len(epoch.measurements)}\n".encode())
-        for measurement in epoch.measurements:
-            arrays = (measurement.values, measurement.parameters, measurement.ids)
-            digest.update(
-                f"{measurement.model.name} {[None if a is None else a.shape for a in arrays]}".encode()
-            )
-            for array in arrays:
-                digest.update(b"" if array is None else array.tobytes())
+    digest = hashlib.sha256(np.ascontiguousarray(times_of(timeline)).data)
+    for part in by_sensor(timeline):
+        measured = part.measurement
+        arrays = (part.epoch, measured.values, measured.parameters, measured.ids)
+        shapes = [None if array is None else array.shape for array in arrays]
+        digest.update(f"{measured.model.name} {shapes}".encode())
+        for array in arrays:
+            digest.update(b"" if array is None else np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 
