@@ -46,6 +46,7 @@ _FORMS = {
 
 _LANES = """
 #include <math.h>
+{turn}
 void spinfilters_lanes(long long n, const double* const* base, const long long* width, const long long* const* row,
                        double* const* out) {{
   for (long long first = 0; first < n; first += {lanes}) {{
@@ -65,6 +66,9 @@ void spinfilters_lanes(long long n, const double* const* base, const long long* 
 {behind}
 {scatter}
     }}
+    if (live == {lanes}) {{
+{wide}
+    }}
   }}
 }}
 """
@@ -72,6 +76,7 @@ void spinfilters_lanes(long long n, const double* const* base, const long long* 
 _FOLD = """
 #include <math.h>
 #include <string.h>
+{turning}
 void spinfilters_lanes(long long n, const double* const* base, const long long* width, const long long* const* row,
                        double* const* out, long long turns, const double* each) {{
   (void)row;
@@ -102,7 +107,28 @@ void spinfilters_lanes(long long n, const double* const* base, const long long* 
       long long i = first + l;
 {scatter}
     }}
+    if (live == {lanes}) {{
+{wide}
+    }}
   }}
+}}
+"""
+
+_TURN = """
+typedef double lanes_of __attribute__((vector_size(8 * {lanes}), aligned(8)));
+#if defined(__clang__) || __GNUC__ >= 12
+#define MIX(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+typedef long long picks_of __attribute__((vector_size(8 * {lanes})));
+#define MIX(a, b, ...) __builtin_shuffle(a, b, (picks_of){{__VA_ARGS__}})
+#endif
+/* Numbers r [{lanes}][{lanes}] of items side by side into the rows of the items, `width` apart: squares beside the diagonal,
+ * of one, two, four ..., change places. */
+static inline __attribute__((always_inline)) void turn(double (*r)[{lanes}], double* out, long long width) {{
+  lanes_of x[{lanes}], y[{lanes}];
+  for (int k = 0; k < {lanes}; ++k) x[k] = *(lanes_of*)r[k];
+{stages}
+  for (int k = 0; k < {lanes}; ++k) *(lanes_of*)(out + k * width) = x[k];
 }}
 """
 
@@ -110,8 +136,14 @@ _Place = Callable[[int, int], str]
 """C of one component of an input or output."""
 
 
-def simd_text(function: ca.Function) -> str | None:
-    """C of a function's loop over items; None where the function has an operation without a C form here."""
+def simd_text(function: ca.Function, reciprocals: bool = False) -> str | None:
+    """C of a function's loop over items; None where the function has an operation without a C form here.
+
+    Parameters
+    ----------
+    reciprocals : bool
+        Whether to divide by a number that divides more than once through its reciprocal, which changes last bits.
+    """
     gather: list[str] = []
 
     def taken(which: int, place: int) -> str:
@@ -121,7 +153,7 @@ def simd_text(function: ca.Function) -> str | None:
 
     made = _offsets(function.numel_out(k) for k in range(function.n_out()))
     late = _late_logarithms(function)
-    body = _tape(function, taken, lambda which, place: f"r[{made[which] + place}][l]", late)
+    body = _tape(function, taken, lambda which, place: f"r[{made[which] + place}][l]", late, reciprocals)
     if body is None:
         return None
     places = [made[which] + place for which, place in late.values()]
@@ -138,6 +170,8 @@ def simd_text(function: ca.Function) -> str | None:
         body=body,
         behind="\n".join(f"      r[{place}][l] = log(r[{place}][l]);" for place in places),
         scatter=_scatter(made),
+        wide=_scatter_wide(made),
+        turn=_turn_text(made),
     )
 
 
@@ -172,12 +206,14 @@ def _late_logarithms(function: ca.Function) -> dict[int, tuple[int, int]]:
     return late
 
 
-def scan_text(begin: ca.Function, turn: ca.Function, end: ca.Function) -> str | None:
+def scan_text(
+    begin: ca.Function, turn: ca.Function, end: ca.Function, reciprocals: bool = False
+) -> str | None:
     """C of the loop over items of a `spinfilters.core.vectorised.VectorisedScan`, or None as in `simd_text`."""
     widths = [begin.numel_in(k) for k in range(begin.n_in())]
     given, kept = _offsets(widths), _offsets(begin.numel_out(k) for k in range(1, begin.n_out()))
     made = _offsets(end.numel_out(k) for k in range(end.n_out()))
-    bodies = _scan_bodies(_Scanned(begin, turn, end), given, kept, made)
+    bodies = _scan_bodies(_Scanned(begin, turn, end, reciprocals), given, kept, made)
     if None in bodies.values():
         return None
     gather = [
@@ -193,6 +229,8 @@ def scan_text(begin: ca.Function, turn: ca.Function, end: ca.Function) -> str | 
         numbers=turn.numel_in(begin.n_out()),
         gather="\n".join(gather),
         scatter=_scatter(made),
+        wide=_scatter_wide(made),
+        turning=_turn_text(made),
         **bodies,
     )
 
@@ -203,6 +241,7 @@ class _Scanned(NamedTuple):
     begin: ca.Function
     turn: ca.Function
     end: ca.Function
+    reciprocals: bool
 
 
 def _scan_bodies(
@@ -229,10 +268,16 @@ def _scan_bodies(
 
     return {
         "begin": _tape(
-            scan.begin, at_end, lambda k, place: f"s[{kept[k - 1] + place}][l]" if k else f"x[{place}][l]"
+            scan.begin,
+            at_end,
+            lambda k, place: f"s[{kept[k - 1] + place}][l]" if k else f"x[{place}][l]",
+            (),
+            scan.reciprocals,
         ),
-        "turn": _tape(scan.turn, of_turn, lambda _, place: f"y[{place}][l]"),
-        "end": _tape(scan.end, at_end, lambda which, place: f"r[{made[which] + place}][l]"),
+        "turn": _tape(scan.turn, of_turn, lambda _, place: f"y[{place}][l]", (), scan.reciprocals),
+        "end": _tape(
+            scan.end, at_end, lambda which, place: f"r[{made[which] + place}][l]", (), scan.reciprocals
+        ),
     }
 
 
@@ -241,25 +286,88 @@ def _offsets(sizes: Iterable[int]) -> list[int]:
 
 
 def _scatter(made: list[int]) -> str:
+    """Outputs of item i; those that are as wide as a vector only where no vector of items is full."""
     return "\n".join(
-        f"      for (int c = 0; c < {stop - start}; ++c) out[{k}][i * {stop - start} + c] = r[{start} + c][l];"
+        ("      " if stop - start < LANES else f"      if (live < {LANES}) ")
+        + f"for (int c = 0; c < {stop - start}; ++c) out[{k}][i * {stop - start} + c] = r[{start} + c][l];"
         for k, (start, stop) in enumerate(pairwise(made))
     )
 
 
-def _tape(function: ca.Function, take: _Place, give: _Place, passed: Collection[int] = ()) -> str | None:
+def _scatter_wide(made: list[int]) -> str:
+    """Outputs as wide as a vector, of a full vector of items; the last square ends where the output ends."""
+    lines = []
+    for k, (start, stop) in enumerate(pairwise(made)):
+        width = stop - start
+        places = [*range(0, width - LANES, LANES), width - LANES] if width >= LANES else []
+        lines += [
+            f"      turn(r + {start + place}, out[{k}] + first * {width} + {place}, {width});"
+            for place in places
+        ]
+    return "\n".join(lines)
+
+
+def _turn_text(made: list[int]) -> str:
+    """C of `turn`, where an output is wide enough for it."""
+    if all(stop - start < LANES for start, stop in pairwise(made)):
+        return ""
+    stages, side = [], 1
+    while side < LANES:
+        # rows k and k + side: their squares beside the diagonal change places
+        low = [j if not j & side else j - side + LANES for j in range(LANES)]
+        high = [j + side if not j & side else j + LANES for j in range(LANES)]
+        stages.append(
+            f"  for (int k = 0; k < {LANES}; ++k)\n    if (!(k & {side})) {{\n"
+            f"      y[k] = MIX(x[k], x[k + {side}], {', '.join(map(str, low))});\n"
+            f"      y[k + {side}] = MIX(x[k], x[k + {side}], {', '.join(map(str, high))});\n    }}\n"
+            f"  for (int k = 0; k < {LANES}; ++k) x[k] = y[k];"
+        )
+        side *= 2
+    return _TURN.format(lanes=LANES, stages="\n".join(stages))
+
+
+def _tape(
+    function: ca.Function,
+    take: _Place,
+    give: _Place,
+    passed: Collection[int] = (),
+    reciprocals: bool = False,
+) -> str | None:
     """The instructions of a function in C, one a line; those that are passed hand their argument on."""
     if not function.is_a("SXFunction"):
         return None
     lines = ["double " + ", ".join(f"w{k}" for k in range(max(function.sz_w(), 1))) + ";"]
+    divisors, known = _shared_divisors(function) if reciprocals else {}, set[int]()
     for k in range(function.n_instructions()):
         line = _line(function, k, take, give)
+        if k in divisors:
+            (first, (numerator, divisor)), (made,) = (
+                (divisors[k], function.instruction_input(k)),
+                function.instruction_output(k),
+            )
+            if first not in known:
+                known.add(first)
+                lines.append(f"const double d{first} = 1./w{divisor};")
+            line = f"w{made} = w{numerator}*d{first};"
         if k in passed:
             line = f"w{function.instruction_output(k)[0]} = w{function.instruction_input(k)[0]};"
         if line is None:
             return None
         lines.append(line)
     return "\n".join(f"        {line}" for line in lines)
+
+
+def _shared_divisors(function: ca.Function) -> dict[int, int]:
+    """Divisions by a number that divides more than once: instruction -> the first one that divides by the same number."""
+    written: dict[int, int] = {}  # work number -> the instruction that wrote it last
+    by_divisor: dict[int, list[int]] = {}  # instruction -> divisions by what it wrote
+    for k in range(function.n_instructions()):
+        if function.instruction_id(k) == ca.OP_DIV:
+            by_divisor.setdefault(written[function.instruction_input(k)[1]], []).append(k)
+        if function.instruction_id(k) != ca.OP_OUTPUT:
+            written |= dict.fromkeys(function.instruction_output(k), k)
+    shared = [divisions for divisions in by_divisor.values() if len(divisions) > 1]
+    return {k: divisions[0] for divisions in shared for k in divisions}
 
 
 def _line(function: ca.Function, k: int, take: _Place, give: _Place) -> str | None:
@@ -318,6 +426,8 @@ class Vectorised(_GeneratedLoop):
     function : ca.Function
         An SX function; an input of n numbers takes an array (k, n), outputs come as (k, n), matrices column by
         column.
+    reciprocals : bool
+        As of `simd_text`.
 
     Attributes
     ----------
@@ -325,16 +435,17 @@ class Vectorised(_GeneratedLoop):
         How many numbers each input has.
     """
 
-    def __init__(self, function: ca.Function) -> None:
+    def __init__(self, function: ca.Function, reciprocals: bool = False) -> None:
         self.name: str = function.name()
+        self._reciprocals = reciprocals
         self._plain = Compiled(function)
         self._function = function
         self.widths: list[int] = [function.numel_in(k) for k in range(function.n_in())]
         self._made = [function.numel_out(k) for k in range(function.n_out())]
 
-    def __reduce__(self) -> tuple[type["Vectorised"], tuple[ca.Function]]:
+    def __reduce__(self) -> tuple[type["Vectorised"], tuple[ca.Function, bool]]:
         """A library does not pickle: another process builds its own from the expression."""
-        return Vectorised, (self._function,)
+        return Vectorised, (self._function, self._reciprocals)
 
     def __call__(
         self, *arguments: np.ndarray, rows: tuple[Int[np.ndarray, " n"] | None, ...]
@@ -380,7 +491,7 @@ class Vectorised(_GeneratedLoop):
         return counts.pop() if counts else 1
 
     def _text(self) -> tuple[str | None, str]:
-        return simd_text(self._plain.function), f"{self.name}_lanes"
+        return simd_text(self._plain.function, self._reciprocals), f"{self.name}_lanes"
 
 
 class VectorisedScan(_GeneratedLoop):
@@ -396,19 +507,26 @@ class VectorisedScan(_GeneratedLoop):
         Of x, of those columns, and of a last column of numbers that are others in every turn; gives the next x.
     end : ca.Function
         Of the inputs and x; gives what is wanted.
+    reciprocals : bool
+        As of `simd_text`.
     """
 
-    def __init__(self, begin: ca.Function, turn: ca.Function, end: ca.Function) -> None:
+    def __init__(
+        self, begin: ca.Function, turn: ca.Function, end: ca.Function, reciprocals: bool = False
+    ) -> None:
         self.name: str = turn.name()
+        self._reciprocals = reciprocals
         self._functions = (begin, turn, end)
         self._plain = [Compiled(function) for function in self._functions]
         self._widths = [begin.numel_in(k) for k in range(begin.n_in())]
         self._made = [end.numel_out(k) for k in range(end.n_out())]
         self._numbers: int = turn.numel_in(turn.n_in() - 1)
 
-    def __reduce__(self) -> tuple[type["VectorisedScan"], tuple[ca.Function, ...]]:
+    def __reduce__(
+        self,
+    ) -> tuple[type["VectorisedScan"], tuple[ca.Function, ca.Function, ca.Function, bool]]:
         """A library does not pickle: another process builds its own from the expressions."""
-        return VectorisedScan, self._functions
+        return VectorisedScan, (*self._functions, self._reciprocals)
 
     def __call__(self, *arguments: np.ndarray, each: np.ndarray) -> tuple[np.ndarray, ...]:
         """Evaluate for k items.
@@ -469,7 +587,8 @@ class VectorisedScan(_GeneratedLoop):
         return end(*arguments, x)
 
     def _text(self) -> tuple[str | None, str]:
-        return scan_text(*[plain.function for plain in self._plain]), f"{self.name}_fold"
+        begin, turn, end = (plain.function for plain in self._plain)
+        return scan_text(begin, turn, end, self._reciprocals), f"{self.name}_fold"
 
 
 LARGEST_LENT: Final = 1 << 20

@@ -195,7 +195,7 @@ class BatchedLinearisation:
         begin = ca.Function("begin_steps", inputs, [*self._begin_rotation(inputs[0], inputs[2]), inputs[4]])
         state = ca.SX.sym("state", 2 * ROTATION + self._integrator.expressions.linear_substep.numel_in(0))
         end = ca.Function("end_steps", [*inputs, state], self._end(inputs, state))
-        return VectorisedScan(begin, self._rotation_function(state), end)
+        return VectorisedScan(begin, self._rotation_function(state), end, reciprocals=True)
 
     def _inputs(self) -> list[Expression]:
         points = [ca.SX.sym(name, self._layout.mean_dim) for name in ("here", "there", "about")]

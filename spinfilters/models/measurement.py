@@ -711,6 +711,11 @@ class LandmarkSensor(MeasurementModel):
         return Vectorised(ca.Function(f"{self.name}_observation_rows", [x, p[:3], p[3:], z], outputs))
 
     @built_property
+    def quick_observation_rows(self) -> Vectorised:
+        """`observation_rows` in half the time, to rounding: all rows are multiplied by reciprocals of the noise and the depth."""
+        return Vectorised(self.observation_rows.function, reciprocals=True)
+
+    @built_property
     def observation_innovations(self) -> Vectorised:
         """Whitened innovations, validity (positive where valid) and noise determinant, from `observation_rows`' inputs."""
         x, p, z = self._symbols

@@ -267,7 +267,7 @@ def _linearised_in_c(
 ) -> LinearObservations | None:
     """Observations of one sensor of three components in one call; None without compiled code."""
     library, (group,), count = kernels(), s.groups, len(s)
-    lanes = None if library is None else group.model.observation_rows.loop
+    lanes = None if library is None else group.model.quick_observation_rows.loop
     if library is None or lanes is None:
         return None
     given = trajectory, points, group.parameters, group.values, s.epoch, s.landmark
