@@ -292,6 +292,6 @@ def _path(scenario: Scenario, normal: Float[np.ndarray, "n k 2 3"]) -> Float[np.
     """Centre of mass at every epoch but the first, m, frame i: straight lines between the kicks of its velocity."""
     h = scenario.interval / normal.shape[1]
     kicks = np.sqrt(scenario.noise.force_psd * (h / 2)) * normal.reshape(-1, 2, 3)
-    after = np.cumsum(kicks.sum(axis=1), axis=0) + np.array(scenario.velocity)
+    after = np.cumsum(kicks[:, 0] + kicks[:, 1], axis=0) + np.array(scenario.velocity)
     moved = np.cumsum(after - kicks[:, 1], axis=0) * h
     return np.array([0.0, 0.0, scenario.range_m]) + moved[normal.shape[1] - 1 :: normal.shape[1]]
