@@ -318,11 +318,11 @@ def _optimum(
 
 def _find_suspect(residuals: Residuals) -> tuple[int, int] | None:
     """Sensor and row of the measurement farthest from all others; None where chance explains its distance."""
-    least = [float(each.min(initial=1.0)) for each in residuals.deleted]
-    if not least or min(least) * sum(map(len, residuals.deleted)) >= SUSPECTED:
+    least = [each.least_probability for each in residuals.sensors]
+    if not least or min(least) * sum(len(each.rest) for each in residuals.sensors) >= SUSPECTED:
         return None
     sensor = int(np.argmin(least))
-    return sensor, int(residuals.deleted[sensor].argmin())
+    return sensor, residuals.sensors[sensor].farthest
 
 
 def _covariance(information: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c"]:

@@ -156,11 +156,6 @@ class Residuals:
     sources: tuple["WhitenedRows", ...]
     sensors: tuple["SensorResiduals", ...]
 
-    @cached_property
-    def deleted(self) -> tuple[Float[np.ndarray, " _"], ...]:
-        """Of every such sensor, probability of larger residuals of each measurement about states of all others."""
-        return tuple(each.deleted for each in self.sensors)
-
 
 @dataclass(frozen=True)
 class WhitenedRows:
@@ -233,12 +228,11 @@ def residuals_of(
     return Residuals(np.array(squares), np.array(redundancy), tuple(sources), tuple(sensors))
 
 
-def deleted_residuals(
+def sensor_residuals(
     problem: Problem, here: LinearizationPoint, marginals: Marginals
-) -> tuple[Float[np.ndarray, " _"], ...]:
-    """Probability of larger residuals of each measurement about states of all others, by pose-only sensor."""
-    numbers = range(len(problem.motion.sensors))
-    return tuple(_sensor_after(problem, here, marginals, k).deleted for k in numbers)
+) -> tuple["SensorResiduals", ...]:
+    """Residuals of every pose-only sensor."""
+    return tuple(_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors)))
 
 
 @dataclass(frozen=True)
@@ -270,14 +264,24 @@ class SensorResiduals:
     free: Float[np.ndarray, "r i"]
     leverage: float
 
-    @property
-    def deleted(self) -> Float[np.ndarray, " r"]:
-        """Probability of larger residuals of each measurement about states of all others (Cook and Weisberg 1982).
+    @cached_property
+    def deleted_squares(self) -> Float[np.ndarray, " r"]:
+        """Squared residuals of each measurement about states of all others (Cook and Weisberg 1982).
 
         Component by component; where few others determine one, with a redundancy of a fifth.
         """
-        squares = (self.rest**2 / np.maximum(self.free, LEAST_FREE)).sum(axis=1)
-        return np.asarray(chi_square_tail(squares, self.rest.shape[1]))
+        return np.einsum("ri,ri,ri->r", self.rest, self.rest, 1 / np.maximum(self.free, LEAST_FREE))
+
+    @property
+    def farthest(self) -> int:
+        """Row of the measurement with the largest of them."""
+        return int(self.deleted_squares.argmax())
+
+    @property
+    def least_probability(self) -> float:
+        """Of larger residuals than those of the farthest measurement; 1 without any."""
+        largest = float(self.deleted_squares.max(initial=0.0))
+        return float(chi_square_tail(largest, self.rest.shape[1]))
 
 
 def _explained_steps(
