@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
 from spinfilters.core.compiled import address
+from spinfilters.core.errors import InputError
 from spinfilters.filters.epoch_run import ROWS, EpochCall, RunOptions, epoch_run_text
 from spinfilters.filters.estimator import COUNTS, EpochRun, ProcessModel, RunsTaken
 from spinfilters.models.rotation_integrator import FEWEST, MOST_LIMITS, substep_numbers
@@ -22,8 +23,10 @@ from spinfilters.models.state_layout import Places
 _FLAGS: Final = (*KERNEL_FLAGS, "-fno-strict-aliasing", "-Wno-psabi")
 _SIGNATURES: Final = {"take_in_runs": Signature("ppipp" + "ip" + "ip" + "pp" + "iip" + "ppp", None)}
 Stretches = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Of some runs, their next epochs, and means and factors of all runs there, the epochs at which these runs stop next. It may
-replace these runs' means and factors in place."""
+"""The epochs before which some runs stop next, each behind the run's next epoch.
+
+It is called with the numbers of these runs, the next epoch of each, and means and factors of all runs; those of these runs it
+may replace in place."""
 
 
 class _Entries(ctypes.Structure):
@@ -69,6 +72,11 @@ def take_in_runs(
     -------
     RunsTaken or None
         None where something compiled is missing, or a sensor has no plain gate.
+
+    Raises
+    ------
+    InputError
+        A run is to stop before an epoch that is not behind its next, so that it would never end.
     """
     call, library, lanes = EpochCall.of(process, epochs, options), _library(), _lanes(process)
     if call is None or library is None or lanes is None:
@@ -79,9 +87,14 @@ def take_in_runs(
     done, begin, end = (np.zeros(runs, dtype=np.int64) for _ in range(3))
     per_run = np.array([len(part.every.values) // runs for part in epochs.sensors], dtype=np.int64)
     places = (ctypes.c_void_p * len(ROWS))(*(address(room[name]) for name in ROWS))
-    left = np.arange(runs)
+    left = np.arange(runs if count else 0)
     while left.size:
         end[left] = count if stretches is None else stretches(left, begin[left], x, S)
+        if not (end[left] > begin[left]).all():
+            run = int(left[np.argmin(end[left] > begin[left])])
+            raise InputError(
+                f"run {run} is to stop before epoch {end[run]}, and its next is {begin[run]}; give a later one"
+            )
         done[left] = 0
         # neighbours in the lanes of a vector have about as many epochs
         order = np.ascontiguousarray(left[np.argsort(begin[left] - end[left], kind="stable")])
