@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.filters import ekf
 from spinfilters.filters import timeline as loop
 from spinfilters.filters.compiled_steps import compiled_propagation
 from spinfilters.filters.ekf import MultiplicativeEkf
@@ -287,11 +285,3 @@ def test_runs_side_by_side_have_the_beliefs_of_runs_by_themselves(name: str) -> 
         np.testing.assert_allclose(*squares, atol=1e-8)
         for key, array in rows.items():
             np.testing.assert_allclose(array, getattr(single, key)[:done], rtol=1e-7, atol=1e-9, err_msg=key)
-
-
-@needs_compiler
-def test_runs_that_would_stop_where_they_begin_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    timeline, belief = sample("poses")
-    monkeypatch.setattr(ekf, "pass_stretches", lambda curvatures, dt, epoch: epoch)
-    with pytest.raises(InputError, match="run 0 is to stop before epoch 0, and its next is 0"):
-        runs_side_by_side(belief, timeline, changed_runs(timeline, 3))
