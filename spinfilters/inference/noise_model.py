@@ -189,6 +189,7 @@ def residuals_of(
     normal: NormalEquations,
     components: Sequence[ComponentRows],
     densities: Sequence[str],
+    after: "StepsAfter | None" = None,
 ) -> Residuals:
     """Residuals of the linear problem about a point, at its solution.
 
@@ -198,9 +199,11 @@ def residuals_of(
         Names of the disturbances wanted.
     normal : NormalEquations
         Solved, its rows in memory (`Problem.is_long` is false).
+    after : StepsAfter or None
+        What the solution leaves of the steps, where it is known already.
     """
     marginals = Marginals(normal.system, normal.eliminated)
-    steps = steps_after(problem, here, marginals)
+    steps = after or steps_after(problem, here, marginals)
     sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
     # a right-hand side of zeros, to which each source adds its own rows
     seen = None if here.linear is None else np.zeros_like(here.linear.innovation)
