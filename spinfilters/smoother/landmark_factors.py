@@ -72,6 +72,11 @@ class LandmarkObservations:
         count = np.bincount(self.landmark, minlength=self.landmarks)
         return np.concatenate([[0], np.cumsum(count)])
 
+    @cached_property
+    def latest(self) -> Int[np.ndarray, " q"]:
+        """The observations of the last epoch."""
+        return np.flatnonzero(self.epoch == len(self.counts) - 1)
+
     def by_epoch(self, chosen: Bool[np.ndarray, " N"]) -> tuple[Bool[np.ndarray, " _"], ...]:
         """A choice as one array per epoch, over all observations of the epoch."""
         flags = np.zeros(int(self.counts.sum()), dtype=bool)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -114,9 +115,11 @@ class SchurSystem:
         if not layout.has(MASS_DISTRIBUTION):
             return 0.0
         c, mass = len(constant), layout.slice(MASS_DISTRIBUTION.name)
-        corner = np.triu(dtrtri(self.information_sqrt[-c:, -c:].T, lower=0)[0])
-        variance = np.einsum("ij,ij->i", corner, corner)
-        return float(variance[(constant >= mass.start) & (constant < mass.stop)].max() ** 0.5)
+        # rows of the inverse that belong to the mass distribution; below the diagonal is what the factor has above its own
+        first = int(np.searchsorted(constant, mass.start))
+        corner = dtrtri(self.information_sqrt[-c:, -c:].T, lower=0)[0].tolist()
+        rows = range(first, first + mass.stop - mass.start)
+        return max(hypot(*corner[row][row:]) for row in rows)
 
 
 class SchurSolution(NamedTuple):

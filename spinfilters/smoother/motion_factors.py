@@ -336,18 +336,27 @@ class EpochFactors:
         )
 
 
-def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> EpochFactors:
-    """The dynamics and sensors of some epochs, without a prior.
+def motion_of(
+    process: ProcessModel,
+    epochs: Timeline,
+    has_landmarks: bool,
+    prior: StatePrior | None = None,
+    first: Float[np.ndarray, " m"] | None = None,
+) -> EpochFactors:
+    """The dynamics and sensors of some epochs.
 
     Parameters
     ----------
     has_landmarks : bool
         Whether there are observations of landmarks.
+    prior : StatePrior or None
+        As of `EpochFactors`.
+    first : ndarray of float, shape (m,) or None
+        As of `EpochFactors`.
     """
     dt = np.diff(times_of(epochs))
-    return EpochFactors(
-        process, VariableOrdering(process.layout, len(epochs), has_landmarks), dt, collect_sensors(epochs)
-    )
+    ordering = VariableOrdering(process.layout, len(epochs), has_landmarks)
+    return EpochFactors(process, ordering, dt, collect_sensors(epochs), prior, first=first)
 
 
 def whitened_steps(
