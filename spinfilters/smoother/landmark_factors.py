@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.core.compiled import address
+from spinfilters.core.compiled import addresses
 from spinfilters.core.errors import InputError
 from spinfilters.core.robust_losses import RobustLoss
 from spinfilters.core.vectorised import result_array
@@ -279,9 +279,9 @@ def _linearised_in_c(
     arrays = [np.ascontiguousarray(array) for array in given]
     rows, square, room = result_array(count, ROWS * COLUMNS), np.empty(count), np.empty((2, count))
     library.linearise_observations(
-        *(lanes, count, *map(address, arrays)),
+        *(lanes, count, *addresses(*arrays)),
         *(trajectory.shape[1], group.parameters.shape[1], group.values.shape[1], s.scale),
-        *map(address, (rows, square, room)),
+        *addresses(rows, square, room),
     )
     return LinearObservations(rows.reshape(count, ROWS, COLUMNS), square)
 
