@@ -19,7 +19,7 @@ from spinfilters.core.compiled import address
 from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.landmark_steps import (
     NEW_LANDMARK_SHARE,
-    AddedLandmarks,
+    ClosedEpoch,
     Closing,
     LandmarkArrays,
     LinearisedObservations,
@@ -174,6 +174,8 @@ def compiled_propagation(size: int) -> CompiledPropagation | None:
 
 SHAPE = (3, 6)
 """Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
+SAID = 5
+"""Numbers that a correction by landmarks tells besides: log noise, NIS, and `LandmarkSteps.lever_squares`."""
 ROWS_BESIDE_MODES = 48
 """Rows of the factor besides those of the modes: state and move."""
 _EPOCH_SIGNATURES = {
@@ -184,7 +186,7 @@ _EPOCH_SIGNATURES = {
     "solve": Signature("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
     "solve_rows": Signature("ipppd" + "ppp" + "ip" + "pppp", ctypes.c_int),
     "regress": Signature("ippi" + "pipi" + "ppp" + "ppp", None),
-    "close_epoch": Signature("ippp" + "ippd" + "ip" + "ppppp" + "iiiiip", None),
+    "close_epoch": Signature("ippp" + "ippd" + "iipppp" + "pppp" + "iiiiip", None),
 }
 _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "points", "modes", "roots")
 
@@ -239,6 +241,8 @@ class CompiledSteps:
         self, stored: LandmarkArrays, at: Int[np.ndarray, " k"], white: WhitenedLandmarks
     ) -> Float[np.ndarray, "3"]:
         """Sums of squares as `NumpySteps.lever_squares`, in C."""
+        if white.levers is not None:
+            return white.levers
         _, d, width = white.shape
         if (d, width - self._modes - 1) != SHAPE:
             return self._reference.lever_squares(stored, at, white)
@@ -276,7 +280,7 @@ class CompiledSteps:
         if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
             return None
         kept, room = np.empty((-(-k // LANES), d * (width + 6), LANES)), np.empty(k * (d * (c + 4) + 3))
-        made, said, given = _allocate_correction(factor), np.empty(2), (x, o.parameters, o.values, o.at)
+        made, said, given = _allocate_correction(factor), np.empty(SAID), (x, o.parameters, o.values, o.at)
         x, parameters, values, at = (np.ascontiguousarray(array) for array in given)
         behind_points = address(parameters) + 3 * parameters.itemsize
         if not self._c.solve(
@@ -287,8 +291,9 @@ class CompiledSteps:
             *map(address, (o.columns, *made)),
         ):
             return None
-        log_noise, nis = said.tolist()
-        return _correction(made, nis, k * d, log_noise), WhitenedLandmarks(kept, (k, d, width), log_noise)
+        log_noise, nis = said[:2].tolist()
+        white = WhitenedLandmarks(kept, (k, d, width), log_noise, said[2:])
+        return _correction(made, nis, k * d, log_noise), white
 
     def solved_rows(
         self,
@@ -304,15 +309,16 @@ class CompiledSteps:
             return None
         width += self._modes - 3
         kept, made = np.empty((-(-k // LANES), d * (width + 6), LANES)), _allocate_correction(factor)
-        said, weights = np.array([log_noise, 0.0]), np.full(k, 1 / o.scale)
+        said, weights = np.full(SAID, log_noise), np.full(k, 1 / o.scale)
         given = [np.ascontiguousarray(array) for array in (linear, weights, o.at)]
         if not self._c.solve_rows(
             *(k, *map(address, given), limit, self._map(o.landmarks), address(said), address(kept), n),
             *map(address, (o.columns, *made)),
         ):
             return None
-        log_noise, nis = said.tolist()
-        return _correction(made, nis, k * d, log_noise), WhitenedLandmarks(kept, (k, d, width), log_noise)
+        log_noise, nis = said[:2].tolist()
+        white = WhitenedLandmarks(kept, (k, d, width), log_noise, said[2:])
+        return _correction(made, nis, k * d, log_noise), white
 
     def regressed(
         self, observations: MapObservations, spread: PoseSpread, points: SigmaPoints
@@ -336,32 +342,26 @@ class CompiledSteps:
         )
         return LinearisedObservations(rows, valid > 0, log_noise)
 
-    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
+    def close(self, stored: LandmarkArrays, closing: Closing) -> ClosedEpoch:
         """Close an epoch as `NumpySteps.close`, in C."""
-        r, n, (k, _, c) = len(closing.remembered), closing.factor.shape[1], closing.by_pose.shape
+        r, correction, (k, _, c) = len(closing.remembered), closing.correction, closing.by_pose.shape
         if (closing.white.shape[1], c) != SHAPE:
             return self._reference.close(stored, closing)
-        new = NewModes(np.empty((c + r, c + r)), np.empty((r, n)), closing.remembered.copy())
+        states, n, after = len(closing.reset), len(correction.factor), np.empty(correction.factor.shape)
+        new = NewModes(np.empty((c + r, c + r)), after[states : states + r], closing.remembered.copy())
         modes, roots = np.empty((k, 3, r), self._kept), np.empty((k, 3, 3), self._kept)
-        at, by_pose, own = map(np.ascontiguousarray, (closing.at, closing.by_pose, closing.roots))
-        places = [address(array) if k else None for array in (by_pose, own, modes, roots)]
+        given = (closing.at, correction.error, closing.columns, closing.reset, correction.factor)
+        at, error, columns, reset, factor = map(np.ascontiguousarray, given)
+        fresh = [np.ascontiguousarray(array) for array in (closing.by_pose, closing.roots)]
+        places = [address(array) if k else None for array in (*fresh, modes, roots)]
         self._c.close_epoch(
-            len(at),
-            *map(address, (closing.white.kept, at, closing.error)),
-            k,
-            *places[:2],
-            NEW_LANDMARK_SHARE,
-            n,
-            *map(address, (closing.factor, new.explained, new.turned, new.rows)),
+            *(len(at), *map(address, (closing.white.kept, at, error)), k, *places[:2], NEW_LANDMARK_SHARE),
+            *(n, states, *map(address, (columns, reset, factor, after, new.explained, new.turned))),
             *places[2:],
-            stored.count,
-            *closing.behind,
-            len(stored.shift),
-            stored.now,
-            self._map(stored),
+            *(stored.count, *closing.behind, len(stored.shift), stored.now, self._map(stored)),
         )
         stored.now += 1
-        return AddedLandmarks(new, modes, roots)
+        return ClosedEpoch(new, modes, roots, after)
 
     def _map(self, stored: LandmarkArrays) -> int:
         """Address of those of the map's arrays, looked up when they are other arrays."""

@@ -15,6 +15,7 @@ Kalman filter at the end is the MEKF with the error coordinates of a group of ri
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -25,7 +26,7 @@ from spinfilters.filters.epoch_run import CompiledPrediction, RunOptions, compil
 from spinfilters.filters.error_coordinates import ErrorCoordinates, InvariantOptions
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel, RunsTaken
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter, PredictedMeasurement
-from spinfilters.filters.flow_curvature import FlowCurvature, pass_stretches, widened_runs
+from spinfilters.filters.flow_curvature import FlowCurvature
 from spinfilters.filters.iterated_update import (
     IteratedObservations,
     IteratedUpdate,
@@ -237,21 +238,8 @@ class MultiplicativeEkf(FirstOrderFilter):
         constant = self._adaptation.constant_predictions([model.name for model in models])
         if self._held is not None or constant < len(epochs.dt) or not models:
             return None
-        options = self._run_options(models)
-        curvatures = [self._curvature.begun() for _ in mean]
-
-        def stretches(
-            runs: np.ndarray, epoch: np.ndarray, mean: np.ndarray, factor: np.ndarray
-        ) -> np.ndarray:
-            """Widen the beliefs of runs at which a stretch begins, and note the steps of the next one."""
-            chosen = [curvatures[run] for run in runs]
-            for k, wider in widened_runs(
-                chosen, self.process, mean[runs], factor[runs], epochs.dt[epoch]
-            ).items():
-                factor[runs[k]] = wider
-            return pass_stretches(chosen, epochs.dt, epoch)
-
-        return take_in_runs(self.process, mean, factor, epochs, options, stretches)
+        options = replace(self._run_options(models), curvature=self._curvature.begun())
+        return take_in_runs(self.process, mean, factor, epochs, options)
 
     def _run_options(self, models: Sequence[MeasurementModel]) -> RunOptions:
         """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""

@@ -132,27 +132,33 @@ void refresh(integer count, const integer* at, integer begin, integer end, integ
 
 /* Transformations of all slots, one step on: of the modes, and what is dropped of them, by the last M rows of `turned`. */
 static void compose(integer slots, const double* turned, const double* by, const Map* map) {
+  enum { QL = (Q + LANES - 1) / LANES, ML = (M + LANES - 1) / LANES };
+  lane from[M * QL] = {{0}};
+  /* rows of `turned`, filled up to whole lanes */
+  for (int m = 0; m < M; ++m) memcpy(from + m * QL, turned + (C + m) * Q, Q * sizeof(double));
   for (integer s = 0; s < slots; ++s) {
-    double *T = map->transform + s * M * M, *S = map->spread + s * M * M, f[M * C];
+    double *T = map->transform + s * M * M, *S = map->spread + s * M * M;
+    lane f[C * ML] = {{0}};
     /* Row a of transform [modes kept | dropped]: shift += T by, T <- T kept, f = T dropped (stored [C][M]). */
     for (int a = 0; a < M; ++a) {
-      double sum = 0, row[Q] = {0};
+      double sum = 0;
+      lane row[QL] = {{0}};
       for (int m = 0; m < M; ++m) {
-        const double t = T[a * M + m], *from = turned + (C + m) * Q;
+        const double t = T[a * M + m];
         sum += t * by[m];
-        for (int l = 0; l < Q; ++l) row[l] += t * from[l];
+        for (int l = 0; l < QL; ++l) row[l] += t * from[m * QL + l];
       }
       map->shift[s * M + a] += sum;
       memcpy(T + a * M, row, M * sizeof(double));
-      for (int l = 0; l < C; ++l) f[l * M + a] = row[M + l];
+      for (int l = 0; l < C; ++l) ((double*)(f + l * ML))[a] = ((double*)row)[M + l];
     }
     /* spread += f f', the dropped modes at unit covariance. */
     for (int a = 0; a < M; ++a) {
-      double row[M];
-      memcpy(row, S + a * M, sizeof row);
+      lane row[ML] = {{0}};
+      memcpy(row, S + a * M, M * sizeof(double));
       for (int l = 0; l < C; ++l)
-        for (int c = 0; c < M; ++c) row[c] += f[l * M + a] * f[l * M + c];
-      memcpy(S + a * M, row, sizeof row);
+        for (int c = 0; c < ML; ++c) row[c] += ((double*)(f + l * ML))[a] * f[l * ML + c];
+      memcpy(S + a * M, row, M * sizeof(double));
     }
   }
 }
@@ -244,8 +250,8 @@ double correct(integer count, integer n, const Group* g, const integer* columns,
   return correct_rows(R, n, columns, factor, root, shift, error);
 }
 
-/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant
- * of what whitens all, by which it grows, and the normalised innovation squared. */
+/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant of what
+ * whitens all, by which it grows, the normalised innovation squared, and three squares of `sum_levers`. */
 int solve_rows(integer count, const double* linear, const double* weights, const integer* at, double limit, const Map* map,
                double* said, Group* g, integer n, const integer* columns, double* factor, double* root, double* shift,
                double* error) {
@@ -260,6 +266,7 @@ int solve_rows(integer count, const double* linear, const double* weights, const
     if (!(length <= limit)) return 0;
   }
   said[1] = correct(count, n, g, columns, factor, root, shift, error);
+  sum_levers((count + LANES - 1) / LANES, g, count, at, map, said + 2);
   return 1;
 }
 
@@ -727,14 +734,29 @@ static void settle_new(integer count, const double* by_pose, const double* own, 
   }
 }
 
-/* `LandmarkSteps.close`: everything after the correction of an epoch, in the order of its NumPy reference. fresh: new landmarks,
- * by_pose [fresh][3][C] and own [fresh][3][3]; begin and end of the rows whose turn it is. */
+/* `LandmarkSteps.close`: everything after the correction of an epoch, in the order of its NumPy reference. error [n] and factor
+ * [n][n] of all errors, of which pose and modes are the columns [Q] and the state the first `states`, with its reset Jacobian;
+ * after [n][n] gets the factor about the new mean. fresh: new landmarks, by_pose [fresh][3][C] and own [fresh][3][3]; begin and end
+ * of the rows whose turn it is. */
 void close_epoch(integer count, Group* groups, const integer* at, const double* error, integer fresh, const double* by_pose,
-                 const double* own, double share, integer n, const double* both, double* explained, double* turned,
-                 double* mode_rows, stored* new_modes, stored* new_roots,
-                 integer total, integer begin, integer end, integer slots, integer now,
-                 const Map* map) {
-  double G[Q * Q] = {0}, wide[Q * PITCH] = {0};
+                 const double* own, double share, integer n, integer states, const integer* columns, const double* reset,
+                 const double* factor, double* after, double* explained, double* turned, stored* new_modes, stored* new_roots,
+                 integer total, integer begin, integer end, integer slots, integer now, const Map* map) {
+  double G[Q * Q] = {0}, wide[Q * PITCH] = {0}, both[Q * N], moved[Q];
+  /* factor and error of pose and modes */
+  for (int k = 0; k < Q; ++k) {
+    memcpy(both + k * n, factor + columns[k] * n, n * sizeof(double));
+    moved[k] = error[columns[k]];
+  }
+  /* rows of the state by its reset Jacobian, most entries of which are zero; those of modes come below, the move's stay */
+  memset(after, 0, states * n * sizeof(double));
+  memcpy(after + states * n, factor + states * n, (n - states) * n * sizeof(double));
+  for (integer i = 0; i < states; ++i)
+    for (integer r = 0; r < states; ++r) {
+      const double j = reset[i * states + r];
+      if (j != 0)
+        for (integer k = 0; k < n; ++k) after[i * n + k] += j * factor[r * n + k];
+    }
   pull(groups, (count + LANES - 1) / LANES, G);
   /* New landmarks in G, poses only: share (L^-1 by_pose)' (L^-1 by_pose). */
   for (integer i = 0; i < fresh; ++i) {
@@ -749,9 +771,9 @@ void close_epoch(integer count, Group* groups, const integer* at, const double* 
       for (int b = 0; b < C; ++b)
         for (int d = 0; d < 3; ++d) G[a * Q + b] += share * scaled[d * C + a] * scaled[d * C + b];
   }
-  compress(G, n, both, explained, turned, mode_rows);
+  compress(G, n, both, explained, turned, after + states * n);
   refresh(total, 0, begin, end, now, slots, map);
-  compose(slots, turned, error + C, map);
+  compose(slots, turned, moved + C, map);
   const integer slot = ++now % slots;
   memset(map->transform + slot * M * M, 0, M * M * sizeof(double));
   memset(map->spread + slot * M * M, 0, M * M * sizeof(double));
@@ -760,6 +782,6 @@ void close_epoch(integer count, Group* groups, const integer* at, const double* 
   for (int a = 0; a < M; ++a) map->transform[slot * M * M + a * M + a] = 1;
   /* rows of PITCH numbers, as `settle` reads them */
   for (int k = 0; k < Q; ++k) memcpy(wide + k * PITCH, turned + k * Q, Q * sizeof(double));
-  observe(count, groups, at, error, wide, now, map);
+  observe(count, groups, at, moved, wide, now, map);
   settle_new(fresh, by_pose, own, wide, new_modes, new_roots);
 }

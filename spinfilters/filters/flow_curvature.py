@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from spinfilters.filters.estimator import ProcessModel, Snapshot
 from spinfilters.filters.square_root import triangular_factor
@@ -116,23 +116,9 @@ class FlowCurvature:
         """Widen no more: the mass distribution is known, and does not change."""
         self._left = np.inf
 
-    def steps_in_stretch(self, dt: Float[np.ndarray, " k"]) -> int:
-        """How many of the next steps, of these durations, begin within the stretch that has begun."""
-        begins_another = self._left_after(dt[:-1]) < dt[1:] / 2
-        return int(np.argmax(begins_another)) + 1 if begins_another.any() else len(dt)
-
-    def pass_steps(self, dt: Float[np.ndarray, " k"]) -> None:
-        """Note that steps were made, of these durations."""
-        if len(dt):
-            self._left = float(self._left_after(dt)[-1])
-
     def pass_step(self, dt: float) -> None:
         """Note that a step was made, of this duration."""
         self._left -= dt
-
-    def _left_after(self, dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Seconds left of the stretch after each step, to the bits of one after the other."""
-        return np.subtract.accumulate(np.concatenate([[self._left], dt]))[1:]
 
     def begun(self) -> "FlowCurvature":
         """The same of another run, from its begin on."""
@@ -206,42 +192,6 @@ def widened_runs(
             # S S' + 3/4 sum of c c'
             found[k] = triangular_factor(np.concatenate([factor[k], rows], axis=1).T)
     return found
-
-
-def pass_stretches(
-    curvatures: Sequence[FlowCurvature], dt: Float[np.ndarray, " n"], epoch: Int[np.ndarray, " r"]
-) -> Int[np.ndarray, " r"]:
-    """Note that each run makes the steps from its epoch on that begin within its stretch.
-
-    Parameters
-    ----------
-    curvatures : Sequence[FlowCurvature]
-        Of each run.
-    dt : ndarray of float, shape (n,)
-        Durations of the steps to all epochs, s.
-    epoch : ndarray of int, shape (r,)
-        Next epoch of each run; there is one.
-
-    Returns
-    -------
-    ndarray of int, shape (r,)
-        Epoch of each run after these steps, as of `FlowCurvature.steps_in_stretch`.
-    """
-    runs, count, most = len(epoch), len(dt), len(dt) - int(epoch.min())
-    # row r: the durations of the run's next steps, as many as the run with most has; zero behind its last
-    own = np.concatenate([dt, np.zeros(most)])[epoch[:, np.newaxis] + np.arange(most)]
-    before = np.array([[each._left] for each in curvatures])
-    left = np.subtract.accumulate(np.concatenate([before, own], axis=1), axis=1)[:, 1:]
-    begins_another = left[:, :-1] < own[:, 1:] / 2
-    begins_another &= np.arange(1, most) < (count - epoch)[:, np.newaxis]
-    steps = (
-        np.where(begins_another.any(axis=1), begins_another.argmax(axis=1) + 1, count - epoch)
-        if most > 1
-        else count - epoch
-    )
-    for each, after in zip(curvatures, left[np.arange(runs), steps - 1].tolist(), strict=True):
-        each._left = after
-    return epoch + steps
 
 
 def _is_soft(layout: StateLayout, factor: Float[np.ndarray, "r N N"]) -> Bool[np.ndarray, " r"]:

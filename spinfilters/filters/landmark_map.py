@@ -30,7 +30,6 @@ from spinfilters.filters.landmark_steps import (
     next_epoch,
 )
 from spinfilters.filters.shared_modes import LandmarkOptions
-from spinfilters.filters.square_root import Correction
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.measurement import LandmarkSensor, NewLandmarks
 from spinfilters.models.state_blocks import ATTITUDE
@@ -344,17 +343,16 @@ class HeldMap:
     ) -> tuple[Float[np.ndarray, "N N"], MapChange]:
         """Factor and change of the map after an update that led to this mean."""
         o, held, correction = observations, self.landmarks, solved.correction
-        at, n = o.at[solved.used], o.layout.error_dim
+        at, n = solved.rows_of(o.at), o.layout.error_dim
         used, weights = held.ids[at], o.scale * solved.weights
         wrong, fresh = self._find_refused(o, solved)
         reset = o.layout.reset_jacobian(correction.error[:n])
         new = self._newcomers(o, measurement, fresh, mean, reset)
-        error, factor = correction.error[o.columns], correction.factor[o.columns]
         closing = Closing(
-            *(at, solved.whitened, error, factor, new.by_pose, new.roots),
+            *(at, solved.whitened, correction, o.columns, reset, new.by_pose, new.roots),
             *(MEMORY * self._explained, held.take_turn()),
         )
-        modes, dependence, roots = held.steps.close(held, closing)
+        modes, dependence, roots, factor = held.steps.close(held, closing)
         self._explained = modes.explained
         pose, turn = o.sensor.columns, o.layout.slice(ATTITUDE.name)
         held.attitude = reset[turn, pose] @ modes.kept[: len(pose)]
@@ -362,24 +360,9 @@ class HeldMap:
         if len(new.ids):
             held.append(new.ids, new.points, dependence, roots)
             removed = np.concatenate([removed, held.remove(held.stalest(self._options.largest_map))])
-        factor = self._reset_factor(o.layout, correction, reset, modes.rows)
+        if self.has_move(factor, o.layout):
+            self.move = self.move + correction.error[n + held.rank :]
         return factor, MapChange(used, weights, new.ids, removed)
-
-    def _reset_factor(
-        self,
-        layout: StateLayout,
-        correction: Correction,
-        reset: Float[np.ndarray, "n n"],
-        modes: Float[np.ndarray, "r N"],
-    ) -> Float[np.ndarray, "N N"]:
-        """Factor about the corrected mean; the map's own move goes on."""
-        # Rows of the factor: state (n), reset; modes (r), the new ones; the map's own move, unchanged.
-        n, result = layout.error_dim, correction.factor.copy()
-        result[:n] = reset @ correction.factor[:n]
-        result[n : n + self.landmarks.rank] = modes
-        if self.has_move(result, layout):
-            self.move = self.move + correction.error[n + self.landmarks.rank :]
-        return result
 
     def _newcomers(
         self,

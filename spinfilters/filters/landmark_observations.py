@@ -58,6 +58,10 @@ class SolvedObservations(NamedTuple):
     weights: Float[np.ndarray, " u"]
     whitened: WhitenedLandmarks
 
+    def rows_of(self, at: Int[np.ndarray, " k"]) -> Int[np.ndarray, " u"]:
+        """Rows of the map of the observations that are used, of the rows of all."""
+        return at if len(self.used) == len(at) else at[self.used]
+
     @property
     def coordinates(self) -> Float[np.ndarray, " N"]:
         """Coordinates of the correction, as `length` measures it."""

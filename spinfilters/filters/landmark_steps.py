@@ -205,8 +205,8 @@ class PoseSpread:
         return square and is_lower(self.pose) and bool(np.diagonal(self.pose).all())
 
 
-class AddedLandmarks(NamedTuple):
-    """New landmarks: dependence on the shared modes, and own errors.
+class ClosedEpoch(NamedTuple):
+    """What an epoch leaves behind: the new modes, new landmarks with their dependence on these and own errors, and the factor.
 
     Attributes
     ----------
@@ -216,11 +216,14 @@ class AddedLandmarks(NamedTuple):
         The new ones.
     roots : ndarray of float, shape (q, 3, 3)
         Square roots of their own covariance.
+    factor : ndarray of float, shape (N, N)
+        Covariance factor of all errors about the new mean: of state, new modes and the map's own move.
     """
 
     shared: "NewModes"
     modes: Float[np.ndarray, "q 3 r"]
     roots: Float[np.ndarray, "q 3 3"]
+    factor: Float[np.ndarray, "N N"]
 
 
 @dataclass(frozen=True)
@@ -235,11 +238,14 @@ class WhitenedLandmarks:
         (k, d, c + r + 1).
     log_noise : float
         Log determinant of all T, less that of the square roots of the weights.
+    levers : ndarray of float, shape (3,), or None
+        Their `LandmarkSteps.lever_squares`, where these are known already.
     """
 
     kept: Float[np.ndarray, "g s l"]
     shape: tuple[int, int, int]
     log_noise: float
+    levers: Float[np.ndarray, "3"] | None = None
 
     @cached_property
     def rows(self) -> Float[np.ndarray, "k d w"]:
@@ -300,10 +306,12 @@ class Closing(NamedTuple):
     ----------
     at : ndarray of int, shape (k,)
         Rows of the observed landmarks, as in ``white``.
-    error : ndarray of float, shape (p,)
-        Pose and modes.
-    factor : ndarray of float, shape (p, N)
-        Its rows after the update.
+    correction : Correction
+        Of all errors, about the mean before.
+    columns : ndarray of int, shape (p,)
+        Pose and modes among these errors.
+    reset : ndarray of float, shape (n, n)
+        Derivative of the state's errors about the mean after the update by those about the mean before.
     by_pose : ndarray of float, shape (q, 3, c)
         (q, 3, 3) of new landmarks, their dependence on the pose and their own root.
     roots : ndarray of float, shape (q, 3, 3)
@@ -316,12 +324,23 @@ class Closing(NamedTuple):
 
     at: Int[np.ndarray, " k"]
     white: WhitenedLandmarks
-    error: Float[np.ndarray, " p"]
-    factor: Float[np.ndarray, "p N"]
+    correction: Correction
+    columns: Int[np.ndarray, " p"]
+    reset: Float[np.ndarray, "n n"]
     by_pose: Float[np.ndarray, "q 3 c"]
     roots: Float[np.ndarray, "q 3 3"]
     remembered: Float[np.ndarray, " r"]
     behind: tuple[int, int]
+
+    @property
+    def error(self) -> Float[np.ndarray, " p"]:
+        """Correction of pose and modes."""
+        return self.correction.error[self.columns]
+
+    @property
+    def factor(self) -> Float[np.ndarray, "p N"]:
+        """Their rows after the update, about the mean before."""
+        return self.correction.factor[self.columns]
 
 
 class LandmarkSteps(Protocol):
@@ -384,8 +403,8 @@ class LandmarkSteps(Protocol):
         """Statistical linear regression of the observations; None where it cannot."""
         ...
 
-    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
-        """Finish an epoch after the correction; returned is what new landmarks begin with."""
+    def close(self, stored: LandmarkArrays, closing: Closing) -> ClosedEpoch:
+        """Finish an epoch after the correction: the map moves to the next one."""
         ...
 
 
@@ -503,11 +522,8 @@ class NumpySteps:
         """Compiled form of `Spread.regressed`; here always None."""
         return None
 
-    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
-        """Finish an epoch after the correction.
-
-        The map moves to the next epoch; returned is what new landmarks begin with.
-        """
+    def close(self, stored: LandmarkArrays, closing: Closing) -> ClosedEpoch:
+        """Finish an epoch after the correction: the map moves to the next one."""
         # Kept and dropped parts have rows [pose (c) | modes]: new landmarks depend on the pose alone, rows before c.
         c = closing.by_pose.shape[2]
         new = _new_modes(closing)
@@ -516,7 +532,15 @@ class NumpySteps:
         next_epoch(stored, new.kept[c:], new.dropped[c:], closing.error[c:])
         _observe(stored, closing, new)
         own = lower_roots(np.concatenate([closing.roots, closing.by_pose @ new.dropped[:c]], axis=2))
-        return AddedLandmarks(new, closing.by_pose @ new.kept[:c], own)
+        return ClosedEpoch(new, closing.by_pose @ new.kept[:c], own, _factor_after(closing, new))
+
+
+def _factor_after(closing: Closing, new: NewModes) -> Float[np.ndarray, "N N"]:
+    """Rows of the state (n), reset; of the modes (r), the new ones; of the map's own move, unchanged."""
+    n, result = len(closing.reset), closing.correction.factor.copy()
+    result[:n] = closing.reset @ result[:n]
+    result[n : n + len(new.rows)] = new.rows
+    return result
 
 
 def next_epoch(

@@ -35,7 +35,7 @@ typedef struct {
 typedef struct {
   lane *S, *spare, *U, *rows, *inverse, *error;
   double *x, *mean, *after, *step_error, *transition, *noise, *errors, *shift, *reset, *innovation, *jacobian, *valid, *log_noise;
-  double* again;
+  double *again, *bending; /* room of `is_linear`, and of `widen_lanes` */
   integer *first, *x_rows, *value_rows;
   Last* last;
   integer moving;
@@ -106,6 +106,23 @@ static void substeps_of(const Filter* f, const double* x, const double* dt, cons
     if (!stepping[l]) continue;
     j[l] = integrator(f, length(x + l * f->point + f->rate, 3) * dt[l]);
     if (j[l] == f->loop_count) j[l] = -1;
+  }
+}
+
+/* `widen` of the lanes in `stepping`, before their steps of dt; lanes of which that is not possible here leave it. */
+static void widen_lanes(const Filter* f, const double* dt, const Group* g, integer* stepping, double (*stretch)[2]) {
+  const integer n = f->n;
+  double *S = g->bending, *rows = S + n * n, *room = rows + n * n;
+  for (int l = 0; l < LANES; ++l) {
+    if (!stepping[l] || !f->curvature || !(stretch[l][0] < dt[l] / 2)) continue;
+    for (integer k = 0; k < n * n; ++k) S[k] = ((const double*)(g->S + k))[l];
+    stepping[l] = widen(f, dt[l], g->x + l * f->point, S, n, stretch[l], room);
+    /* an upper triangle, as an update leaves it: that of the rows in reverse order is lower */
+    for (integer i = 0; i < n; ++i)
+      for (integer k = 0; k < n; ++k) rows[k * n + n - 1 - i] = S[i * n + k];
+    f->triangle(rows, n, n, n, 1, S);
+    for (integer i = 0; i < n; ++i)
+      for (integer k = 0; k < n; ++k) ((double*)(g->S + i * n + k))[l] = S[(n - 1 - i) * n + n - 1 - k];
   }
 }
 
@@ -378,18 +395,18 @@ static void profile(const Lanes* lanes, integer n, Group* g) {
     if (g->first[i] < lanes->moving) g->moving = n;
 }
 
-/* The runs of a group through their epochs; `runs` names them. */
+/* `count` runs from run `begin` on through their epochs, as a group. */
 static void take_in_group(const Filter* f, const Lanes* lanes, integer sensors, const Sensor* sensor, const integer* values_per_run,
-                          integer epochs, const double* dt, const double* mean, const double* factor, const Group* g,
-                          const Rows* to, const integer* runs, int count, const integer* begin, const integer* end,
-                          integer* done) {
+                          integer epochs, const double* dt, const double* mean, const double* factor, const double* first_stretch,
+                          const Group* g, const Rows* to, integer begin, int count, integer* done) {
   const integer n = f->n, m = f->point;
-  integer live[LANES] = {0}, epoch[LANES];
+  integer live[LANES] = {0}, epoch[LANES] = {0};
+  double stretch[LANES][2];
   /* lanes without a run copy the first and are not looked at */
   for (int l = 0; l < LANES; ++l) {
-    const integer r = runs[l < count ? l : 0];
+    const integer r = begin + (l < count ? l : 0);
     live[l] = l < count;
-    epoch[l] = begin[r];
+    memcpy(stretch[l], first_stretch, sizeof stretch[l]);
     memcpy(g->x + l * m, mean + r * m, m * sizeof(double));
     for (integer k = 0; k < n * n; ++k) ((double*)(g->S + k))[l] = factor[r * n * n + k];
     for (integer i = 0; i < sensors; ++i) g->last[l * sensors + i] = (Last){sensor[i].before, sensor[i].before_count};
@@ -401,14 +418,14 @@ static void take_in_group(const Filter* f, const Lanes* lanes, integer sensors, 
     Sums sums[LANES] = {{0}};
     /* lanes that have an epoch left, and of these the ones that predict: a belief may be of the first epoch itself */
     for (int l = 0; l < LANES; ++l) {
-      const integer r = runs[l < count ? l : 0];
-      live[l] = live[l] && epoch[l] < end[r];
+      live[l] = live[l] && epoch[l] < epochs;
       any |= live[l];
       step[l] = dt[epoch[l] < epochs ? epoch[l] : 0];
       stepping[l] = live[l] && step[l] > 0;
       waits[l] = live[l] && !stepping[l];
     }
     if (!any) return;
+    widen_lanes(f, step, g, stepping, stretch);
     predict_lanes(f, lanes, step, g, stepping);
     for (int l = 0; l < LANES; ++l) live[l] = stepping[l] || waits[l];
     /* sensors in turn, each on the state after the one before */
@@ -418,7 +435,7 @@ static void take_in_group(const Filter* f, const Lanes* lanes, integer sensors, 
       for (int l = 0; l < LANES; ++l) {
         if (!live[l]) continue;
         Last* last = g->last + l * sensors + i;
-        v.row[l] = runs[l] * values_per_run[i] + s->first[epoch[l]];
+        v.row[l] = (begin + l) * values_per_run[i] + s->first[epoch[l]];
         v.count[l] = s->end[epoch[l]] - s->first[epoch[l]];
         if (!v.count[l]) continue;
         const double* values = s->values + v.row[l] * s->model->components;
@@ -440,7 +457,7 @@ static void take_in_group(const Filter* f, const Lanes* lanes, integer sensors, 
         live[l] = 0;
         continue;
       }
-      const integer row = runs[l] * epochs + epoch[l];
+      const integer row = (begin + l) * epochs + epoch[l];
       memcpy(to->mean + row * m, g->x + l * m, m * sizeof(double));
       double* own = to->factor + row * n * n;
       for (integer k = 0; k < n * n; ++k) own[k] = ((const double*)(g->S + k))[l];
@@ -449,8 +466,8 @@ static void take_in_group(const Filter* f, const Lanes* lanes, integer sensors, 
       to->dof[row] = sums[l].dof;
       to->accepted[row] = sums[l].accepted;
       to->rejected[row] = sums[l].rejected;
-      ++epoch[l];
-      ++done[runs[l]];
+      stretch[l][0] -= step[l];
+      done[begin + l] = ++epoch[l];
     }
   }
 }
@@ -461,7 +478,7 @@ static void* allocate(const Filter* f, const Lanes* lanes, integer sensors, inte
   const integer entries = T + G, root = n * (n + 1), values = LANES * most;
   const integer wide = n * n + (n + k) * n + (entries > root ? entries : root) + most * MOST_DIM * (n + 1) + 2 * n;
   const integer plain = LANES * (3 * m + f->errors + entries + 2 * n + lanes->reset_entries.count) + values * (width + MOST_DIM) +
-                        most * width + MOST_DIM * n;
+                        most * width + MOST_DIM * n + 2 * n * n + widening_room(f, n);
   const size_t bytes = wide * sizeof(lane) + plain * sizeof(double) + (n + 2 * values) * sizeof(integer) +
                        LANES * sensors * sizeof(Last) + ALIGNMENT;
   void* all = calloc(1, bytes);
@@ -487,26 +504,27 @@ static void* allocate(const Filter* f, const Lanes* lanes, integer sensors, inte
   g->valid = g->jacobian + values * (width - 2);
   g->log_noise = g->valid + values;
   g->again = g->log_noise + values;
-  g->first = (integer*)(g->again + most * width + MOST_DIM * n);
+  g->bending = g->again + most * width + MOST_DIM * n;
+  g->first = (integer*)(g->bending + 2 * n * n + widening_room(f, n));
   g->x_rows = g->first + n;
   g->value_rows = g->x_rows + values;
   g->last = (Last*)(g->value_rows + values);
   return all;
 }
 
-/* Each of many runs of the same epochs from begin[r] to before end[r], in this order: run r is at mean[r] and factor[r] before, and
- * has each sensor's values and parameters `values_per_run` rows behind those of the run before. There is room for `epochs` rows of
- * each run; done[r] becomes how many epochs were taken in now. */
+/* Each of many runs of the same epochs: run r is at mean[r] and factor[r] before, and has each sensor's values and parameters
+ * `values_per_run` rows behind those of the run before. `stretch` of `widen`, of all runs before the first epoch. There is room for
+ * `epochs` rows of each run; done[r] becomes how many epochs were taken in. */
 void take_in_runs(const Filter* f, const Lanes* lanes, integer sensors, const Sensor* sensor, const integer* values_per_run,
-                  integer runs, const integer* order, integer epochs, const double* dt, const double* mean, const double* factor,
-                  integer most, integer width, const Rows* to, const integer* begin, const integer* end, integer* done) {
+                  integer runs, integer epochs, const double* dt, const double* mean, const double* factor, integer most,
+                  integer width, const double* stretch, const Rows* to, integer* done) {
   Group g;
   void* all = allocate(f, lanes, sensors, most, width, &g);
   if (!all) return;
   profile(lanes, f->n, &g);
   for (integer r = 0; r < runs; r += LANES) {
     const int count = (int)(runs - r < LANES ? runs - r : LANES);
-    take_in_group(f, lanes, sensors, sensor, values_per_run, epochs, dt, mean, factor, &g, to, order + r, count, begin, end, done);
+    take_in_group(f, lanes, sensors, sensor, values_per_run, epochs, dt, mean, factor, stretch, &g, to, r, count, done);
   }
   free(all);
 }

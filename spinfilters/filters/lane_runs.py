@@ -4,7 +4,6 @@ Means and covariances are those of runs made one by one, to rounding. A run ends
 """
 
 import ctypes
-from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final
@@ -16,14 +15,12 @@ from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text
 from spinfilters.core.compiled import address
 from spinfilters.filters.epoch_run import ROWS, EpochCall, RunOptions, epoch_run_text
 from spinfilters.filters.estimator import COUNTS, EpochRun, ProcessModel, RunsTaken
+from spinfilters.filters.flow_curvature import FlowCurvature
 from spinfilters.models.rotation_integrator import FEWEST, MOST_LIMITS, substep_numbers
 from spinfilters.models.state_layout import Places
 
 _FLAGS: Final = (*KERNEL_FLAGS, "-fno-strict-aliasing", "-Wno-psabi")
-_SIGNATURES: Final = {"take_in_runs": Signature("ppipp" + "ip" + "ip" + "pp" + "iip" + "ppp", None)}
-Stretches = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Of some runs, their next epochs, and means and factors of all runs there, the epochs at which these runs stop next. It may
-replace these runs' means and factors in place."""
+_SIGNATURES: Final = {"take_in_runs": Signature("ppipp" + "iippp" + "iippp", None)}
 
 
 class _Entries(ctypes.Structure):
@@ -52,7 +49,6 @@ def take_in_runs(
     factor: Float[np.ndarray, "r n n"],
     epochs: EpochRun,
     options: RunOptions,
-    stretches: Stretches | None = None,
 ) -> RunsTaken | None:
     """Take a first-order filter through many runs of the same epochs, each to the numbers of `take_in` but for rounding.
 
@@ -62,8 +58,8 @@ def take_in_runs(
         The beliefs before, one of each run.
     epochs : EpochRun
         Of the first run; its sensors hold the values of all runs, one run behind the other.
-    stretches : Stretches or None
-        Where runs stop in between for something to be done to their beliefs; None: nowhere.
+    options : RunOptions
+        What is the same in all epochs; the stretch of its curvature is the one that all runs begin in, and it stays.
 
     Returns
     -------
@@ -75,26 +71,17 @@ def take_in_runs(
         return None
     runs, count = len(mean), len(epochs.dt)
     dt, x, S = (np.array(array, dtype=float, order="C") for array in (epochs.dt, mean, factor))
-    room = _rows_of_runs(count, x, S)
-    done, begin, end = (np.zeros(runs, dtype=np.int64) for _ in range(3))
+    room, done = _rows_of_runs(count, x, S), np.zeros(runs, dtype=np.int64)
     per_run = np.array([len(part.every.values) // runs for part in epochs.sensors], dtype=np.int64)
     places = (ctypes.c_void_p * len(ROWS))(*(address(room[name]) for name in ROWS))
-    left = np.arange(runs)
-    while left.size:
-        end[left] = count if stretches is None else stretches(left, begin[left], x, S)
-        done[left] = 0
-        # neighbours in the lanes of a vector have about as many epochs
-        order = np.ascontiguousarray(left[np.argsort(begin[left] - end[left], kind="stable")])
-        library.take_in_runs(
-            *(ctypes.addressof(call.filter), ctypes.addressof(lanes[0])),
-            *(len(call.sensors), ctypes.addressof(call.sensors), address(per_run)),
-            *(len(order), address(order), count, *map(address, (dt, x, S))),
-            *(call.most, call.width, ctypes.addressof(places), *map(address, (begin, end, done))),
-        )
-        begin[left] += done[left]
-        left = left[(begin[left] == end[left]) & (begin[left] < count)]
-        x[left], S[left] = room["mean"][left, begin[left] - 1], room["factor"][left, begin[left] - 1]
-    return RunsTaken(room, begin)
+    stretch = (options.curvature or FlowCurvature()).stretch_left()
+    library.take_in_runs(
+        *(ctypes.addressof(call.filter), ctypes.addressof(lanes[0])),
+        *(len(call.sensors), ctypes.addressof(call.sensors), address(per_run)),
+        *(runs, count, *map(address, (dt, x, S)), call.most, call.width),
+        *(address(stretch), ctypes.addressof(places), address(done)),
+    )
+    return RunsTaken(room, done)
 
 
 def _rows_of_runs(

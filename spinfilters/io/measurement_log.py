@@ -292,8 +292,8 @@ def _check_shapes(stream: MeasurementStream, form: SensorFormat) -> None:
 
 def _check_values(stream: MeasurementStream, form: SensorFormat) -> None:
     """Require rows that are finite, in order and of the sensor's format. RowError: the first that is not."""
-    finite = np.isfinite(stream.time) & np.isfinite(stream.values).all(axis=1)
-    if not finite.all():
+    if not (np.isfinite(stream.time).all() and np.isfinite(stream.values).all()):
+        finite = np.isfinite(stream.time) & np.isfinite(stream.values).all(axis=1)
         row = int(np.argmin(finite))
         text = f"{stream.time[row]} s, {stream.values[row].tolist()} is not finite; leave out that line"
         raise RowError(stream.sensor, row, text)

@@ -24,6 +24,7 @@ _FLAGS: Final = (*FLAGS, "-O3", NATIVE, "-fno-math-errno", "-fno-trapping-math")
 _SIGNATURES: Final = {
     "facing": Signature("iippppppp" + "dp", None),
     "recognised": Signature("iippppppp", None),
+    "detections": Signature("ppiip" + "dippp", None),
 }
 
 
@@ -83,30 +84,27 @@ def _facing_in_numpy(
 
 
 def recognised(
-    visible: Bool[np.ndarray, "n k"], drawn: Float[np.ndarray, "n k"], probability: Float[np.ndarray, " k"]
+    visible: Bool[np.ndarray, "n k"], drawn: Float[np.ndarray, "a k"], probability: Float[np.ndarray, " k"]
 ) -> Bool[np.ndarray, "n k"]:
     """The visible landmarks of those appearances in which they are known again.
 
     Parameters
     ----------
-    drawn : Float[np.ndarray, 'n k']
-        Of appearance a of landmark k at (a, k), compared with the landmark's probability.
+    drawn : Float[np.ndarray, 'a k']
+        Of appearance a of landmark k at (a, k), compared with the landmark's probability; a row for each appearance.
     """
     library, count = _library(), visible.shape[1]
     if library is None:
         return _recognised_in_numpy(visible, drawn, probability)
     given = [np.ascontiguousarray(each) for each in (visible, drawn, probability)]
-    appearances, marks, found = (
-        np.zeros(count, np.int64),
-        np.zeros((2, count + 8), bool),
-        np.empty_like(given[0]),
-    )
-    library.recognised(*visible.shape, *map(address, (*given, appearances, *marks, found)))
+    appearances, now, found = np.zeros(count, np.int64), np.zeros(count, bool), np.empty_like(given[0])
+    begun = np.empty(count + 1, np.int64)
+    library.recognised(*visible.shape, *map(address, (*given, appearances, now, begun, found)))
     return found
 
 
 def _recognised_in_numpy(
-    visible: Bool[np.ndarray, "n k"], drawn: Float[np.ndarray, "n k"], probability: Float[np.ndarray, " k"]
+    visible: Bool[np.ndarray, "n k"], drawn: Float[np.ndarray, "a k"], probability: Float[np.ndarray, " k"]
 ) -> Bool[np.ndarray, "n k"]:
     known, appearances = np.empty_like(visible), np.zeros(visible.shape[1], dtype=np.intp)
     now, before = np.zeros((2, visible.shape[1]), dtype=bool)
@@ -203,7 +201,24 @@ class SomeAppearances:
     ) -> Bool[np.ndarray, "n k"]:
         """The visible landmarks of those appearances in which they are known again."""
         probability = generator.beta(self.alpha, self.beta, visible.shape[1])
-        return recognised(visible, generator.random(visible.shape), probability)
+        return recognised(visible, _draw_appearances(visible, generator), probability)
+
+
+def _draw_appearances(
+    visible: Bool[np.ndarray, "n k"], generator: np.random.Generator
+) -> Float[np.ndarray, "a k"]:
+    """Uniform numbers of as many appearances as the landmarks have, of the first rows of one for every frame and landmark.
+
+    The generator goes on behind the last of all rows.
+    """
+    epochs, count = visible.shape
+    begun = visible[0] + np.count_nonzero(visible[1:] > visible[:-1], axis=0)
+    appearances, bits = int(begun.max(initial=0)), generator.bit_generator
+    if not isinstance(bits, np.random.PCG64):
+        return generator.random(visible.shape)[:appearances]
+    drawn = generator.random((appearances, count))
+    bits.advance((epochs - appearances) * count)  # a step for each number
+    return drawn
 
 
 @dataclass(frozen=True)
@@ -325,10 +340,13 @@ class FeatureTracks(NamedTuple):
     landmarks: Int[np.ndarray, " m"]
 
 
-def _draw_detections(
-    known: Bool[np.ndarray, "k n"], detection: float, value_dim: int, generator: np.random.Generator
-) -> tuple[list[Int[np.ndarray, " f"]], list[Float[np.ndarray, "f v"]]]:
-    """Landmarks that are found at every epoch, and standard normal errors of their values."""
+def draw_detections(
+    known: Bool[np.ndarray, "n k"], detection: float, value_dim: int, generator: np.random.Generator
+) -> tuple[Int[np.ndarray, " f"], Int[np.ndarray, " n"], Float[np.ndarray, "f v"]]:
+    """Landmarks that are found, epoch after epoch, how many in each, and standard normal errors of their values."""
+    library, fill = _library(), _normal_fill()
+    if library is not None and fill is not None:
+        return _compiled_detections(library, fill, known, detection, value_dim, generator)
     drawn, ids, noise = np.empty(known.shape[1]), [], []
     counts = known.sum(axis=1)
     # places in the flat mask less those of their rows' begins: NumPy looks through a flat mask eight times as fast
@@ -339,7 +357,38 @@ def _draw_detections(
         found = row[generator.random(out=drawn)[row] < detection]
         ids.append(found)
         noise.append(generator.standard_normal((found.size, value_dim)))
-    return ids, noise
+    return np.concatenate(ids), np.array([len(found) for found in ids]), np.concatenate(noise)
+
+
+def _compiled_detections(
+    library: ctypes.PyDLL,
+    fill: int,
+    known: Bool[np.ndarray, "n k"],
+    detection: float,
+    value_dim: int,
+    generator: np.random.Generator,
+) -> tuple[Int[np.ndarray, " f"], Int[np.ndarray, " n"], Float[np.ndarray, "f v"]]:
+    """`draw_detections` by one call, with NumPy's own normals."""
+    most, bits, plain = int(np.count_nonzero(known)), generator.bit_generator, np.ascontiguousarray(known)
+    ids, noise = np.empty(most + 1, np.int64), np.empty((most, value_dim))  # one more: see the loop
+    counts = np.empty(len(known), np.int64)
+    with bits.lock:
+        library.detections(
+            *(bits.ctypes.bit_generator, fill, *known.shape, address(plain)),
+            *(detection, value_dim, address(ids), address(noise), address(counts)),
+        )
+    total = int(counts.sum())
+    return ids[:total], counts, noise[:total]
+
+
+@cache
+def _normal_fill() -> int | None:
+    """Address of the function by which NumPy's generators draw standard normals; None where it is not exported."""
+    try:
+        exported = ctypes.CDLL(np.random._generator.__file__).random_standard_normal_fill
+    except (AttributeError, OSError):
+        return None
+    return ctypes.cast(exported, ctypes.c_void_p).value
 
 
 def feature_tracks(
@@ -362,8 +411,8 @@ def feature_tracks(
             rows = np.flatnonzero(row)
             row[rows] = camera.sees(camera.model.predict(x, camera.parameters[rows]))
     known = front_end.recognition.known(visible, generator)
-    ids, noise = _draw_detections(known, front_end.detection, camera.model.value_dim, generator)
-    every, epochs = np.concatenate(ids), np.repeat(np.arange(len(ids)), [len(found) for found in ids])
+    every, counts, noise = draw_detections(known, front_end.detection, camera.model.value_dim, generator)
+    epochs = np.repeat(np.arange(len(counts)), counts)
     enough = np.bincount(every, minlength=len(surface.points)) >= front_end.fewest_observations
     rows = enough[every].nonzero()[0]
     if not rows.size:
@@ -372,7 +421,7 @@ def feature_tracks(
         )
     landmarks, epochs = every[rows], epochs[rows]
     values = camera.model.predict_each(motion.states, epochs, camera.parameters, landmarks)
-    values += front_end.pixel_std * np.concatenate(noise)[rows]
+    values += front_end.pixel_std * noise[rows]
     numbers = np.cumsum(enough) - 1
     return FeatureTracks(motion.time[epochs], numbers[landmarks], values, enough.nonzero()[0])
 

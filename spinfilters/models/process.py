@@ -163,7 +163,7 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     return layout.pack(rates)
 
 
-INTERVALS_PER_CALL = 16
+INTERVALS_PER_CALL = 64
 """Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
 
 

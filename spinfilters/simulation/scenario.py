@@ -290,8 +290,11 @@ def motion_in_view(scenario: Scenario, generator: np.random.Generator) -> Motion
 
 def _path(scenario: Scenario, normal: Float[np.ndarray, "n k 2 3"]) -> Float[np.ndarray, "n 3"]:
     """Centre of mass at every epoch but the first, m, frame i: straight lines between the kicks of its velocity."""
-    h = scenario.interval / normal.shape[1]
-    kicks = np.sqrt(scenario.noise.force_psd * (h / 2)) * normal.reshape(-1, 2, 3)
-    after = np.cumsum(kicks.sum(axis=1), axis=0) + np.array(scenario.velocity)
-    moved = np.cumsum(after - kicks[:, 1], axis=0) * h
-    return np.array([0.0, 0.0, scenario.range_m]) + moved[normal.shape[1] - 1 :: normal.shape[1]]
+    intervals, steps = normal.shape[:2]
+    h = scenario.interval / steps
+    # of the kicks at begin and end of every step: what they add up to over an interval, and over how many of its steps each acts
+    acting = np.arange(steps, 0, -1)[:, np.newaxis] - [0, 1]
+    weights = np.stack([np.ones(2 * steps), acting.ravel()])
+    sums = np.sqrt(scenario.noise.force_psd * (h / 2)) * (weights @ normal.reshape(intervals, 2 * steps, 3))
+    velocity = np.cumsum(sums[:, 0], axis=0) - sums[:, 0] + np.array(scenario.velocity)
+    return np.array([0.0, 0.0, scenario.range_m]) + np.cumsum(steps * velocity + sums[:, 1], axis=0) * h

@@ -19,14 +19,14 @@ static inline __attribute__((always_inline)) void weigh_lines(integer begin, int
 }
 
 /* gram [w][w] = sum of line' line over some lines of w numbers, at most `vectors` vectors. What a vector holds behind its line is not
- * used; of the line at `last`, behind which is nothing, a copy is loaded. */
+ * used; of a line beyond `last`, whose vectors would reach behind the rows, a copy is loaded. */
 static inline __attribute__((always_inline)) void add_products(const int vectors, const integer w, integer lines, const double* line,
                                                                const double* last, double* gram) {
   lanes sum[WIDEST * LANES][WIDEST], v[WIDEST];
   for (integer a = 0; a < w; ++a)
     for (int j = 0; j < vectors; ++j) sum[a][j] = (lanes){0};
   for (integer n = 0; n < lines; ++n, line += w) {
-    if (line == last)
+    if (line > last)
       memcpy(memset(v, 0, sizeof v), line, w * sizeof(double));
     else
       for (int j = 0; j < vectors; ++j) v[j] = *(const loose*)(line + j * LANES);
@@ -40,14 +40,14 @@ static inline __attribute__((always_inline)) void add_products(const int vectors
 static void add_products_of_poses(integer lines, const double* line, const double* last, double* gram) {
   enum { W = 7, VECTORS = (W + LANES - 1) / LANES };
   lanes sum[W][VECTORS] = {{{0}}}, v[VECTORS];
-  const integer whole = lines && line + (lines - 1) * W == last ? lines - 1 : lines;
-  for (integer n = 0; n < whole; ++n, line += W) {
+  integer n = 0;
+  for (; n < lines && line <= last; ++n, line += W) {
     for (int j = 0; j < VECTORS; ++j) v[j] = *(const loose*)(line + j * LANES);
     for (int a = 0; a < W; ++a)
       for (int j = 0; j < VECTORS; ++j) sum[a][j] += line[a] * v[j];
   }
   for (int a = 0; a < W; ++a) memcpy(gram + a * W, sum[a], W * sizeof(double));
-  for (integer n = whole; n < lines; ++n)
+  for (; n < lines; ++n, line += W)
     for (int a = 0; a < W; ++a)
       for (int b = 0; b < W; ++b) gram[a * W + b] += line[a] * line[b];
 }
@@ -65,9 +65,15 @@ static void products_of_lines(integer begin, integer end, integer w, const doubl
     add_products(3, w, end - begin, line, last, gram);
 }
 
-/* Products of each epoch, gram [epochs][w][w]. A vector that reaches beyond a line must end within the next. */
+/* The last line whose vectors lie within rows of so many lines. */
+static const double* last_line(integer lines, integer w, const double* rows) {
+  const integer vectors = (w + LANES - 1) / LANES;
+  return rows + lines * w - vectors * LANES;
+}
+
+/* Products of each epoch, gram [epochs][w][w]. */
 void row_products(integer epochs, const integer* begin, integer w, const double* rows, double* gram) {
-  const double* last = rows + (begin[epochs] - 1) * w;
+  const double* last = last_line(begin[epochs], w, rows);
   for (integer k = 0; k < epochs; ++k) products_of_lines(begin[k], begin[k + 1], w, rows, last, gram + k * w * w);
 }
 
@@ -75,8 +81,7 @@ void row_products(integer epochs, const integer* begin, integer w, const double*
 void weigh_rows(integer epochs, const integer* begin, integer i, integer c, const double* innovation, const double* jacobian,
                 const double* scale, const double* weight, double* rows, double* gram) {
   const integer w = c + 1;
-  /* the last line's vector is loaded apart, so that nothing behind the rows is read; what lies behind others is finite or not used */
-  const double* last = rows + (begin[epochs] - 1) * w;
+  const double* last = last_line(begin[epochs], w, rows);
   for (integer k = 0; k < epochs; ++k) {
     const integer from = begin[k] / i, to = begin[k + 1] / i;
     if (c == 6)

@@ -16,8 +16,8 @@ from spinfilters.core.c_library import LANES
 from spinfilters.core.compiled import address
 from spinfilters.smoother.kernels import kernels
 
-NARROWEST, WIDEST = LANES // 2, 3 * LANES
-"""Numbers of a row of `epoch_rows.c`, at least and at most."""
+WIDEST: Final = 3 * LANES
+"""Numbers of a row of `epoch_rows.c`, at most."""
 FLOAT: Final = np.dtype(np.float64)
 
 
@@ -117,7 +117,7 @@ class EpochRows:
     def _library(self) -> ctypes.PyDLL | None:
         """The loops in C; None without, or where rows are not as these take them."""
         plain = self.rows.dtype is FLOAT and self.rows.flags.c_contiguous and self.rows.size > 0
-        return kernels() if plain and LANES / 2 <= self.rows.shape[2] <= WIDEST else None
+        return kernels() if plain and self.rows.shape[2] <= WIDEST else None
 
     @cached_property
     def _begin(self) -> Int[np.ndarray, " f1"]:
@@ -151,7 +151,7 @@ def weigh_rows(
     Their `EpochRows.information` is known.
     """
     r, i, c = jacobian.shape
-    library = kernels() if r and NARROWEST <= c + 1 <= WIDEST else None
+    library = kernels() if r and c < WIDEST else None
     if library is None:
         return EpochRows(weigh_rows_in_numpy(innovation, jacobian, scale, weight), epoch)
     innovation, jacobian, weight = (np.ascontiguousarray(a, FLOAT) for a in (innovation, jacobian, weight))

@@ -78,14 +78,15 @@ def epochs(steps: EITHER, precision: str, count: int) -> dict[str, np.ndarray]:
         closing = Closing(
             seen,
             white,
-            correction.error[COLUMNS],
-            correction.factor[COLUMNS],
+            correction,
+            COLUMNS,
+            np.eye(20) + np.pad(0.1 * generator.standard_normal((3, 3)), (3, 14)),
             by_pose,
             own + 3 * np.eye(3),
             np.ones(RANK),
             landmarks.take_turn(),
         )
-        modes, dependence, roots = steps.close(landmarks, closing)
+        modes, dependence, roots, after = steps.close(landmarks, closing)
         shared = modes.rows @ correction.factor[:20].T
         factor = 1.2 * correction.factor
         factor[20 : 20 + RANK] = modes.rows
@@ -96,6 +97,8 @@ def epochs(steps: EITHER, precision: str, count: int) -> dict[str, np.ndarray]:
             f"dropped {epoch}": squares(modes.dropped[:POSE]),
             f"new {epoch}": dependence.astype(float) @ shared,
             f"new roots {epoch}": squares(roots),
+            f"state {epoch}": after[:20] @ after[:20].T,
+            f"move {epoch}": after[20 + RANK :] @ after[:20].T,
         }
     landmarks.refresh(np.arange(LANDMARKS))
     known = landmarks.snapshot()

@@ -13,7 +13,7 @@ from spinfilters.filters import timeline as loop
 from spinfilters.filters.compiled_steps import compiled_propagation
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.epoch_run import CompiledSpread
-from spinfilters.filters.estimator import EpochRun, Measurement
+from spinfilters.filters.estimator import EpochRun, Measurement, RunsTaken
 from spinfilters.filters.filter import MultiplicativeFilter
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.filters.noise_levels import NoiseScale
@@ -245,12 +245,10 @@ def changed_runs(timeline: LogTimeline, runs: int) -> list[LogTimeline]:
     return found
 
 
-@needs_compiler
-@pytest.mark.parametrize("name", ["poses", "poses and gyro", TRACKS])
-def test_runs_side_by_side_have_the_beliefs_of_runs_by_themselves(name: str) -> None:
-    timeline, belief = sample(name)
-    several = changed_runs(timeline, 10)
-    singles = [estimated(belief, one)[0] for one in several]
+def runs_side_by_side(
+    belief: Gaussian, timeline: LogTimeline, several: list[LogTimeline]
+) -> RunsTaken | None:
+    """Epochs of many runs behind the first, from the same belief."""
     estimator = MultiplicativeEkf(TorqueFreeProcess(belief.layout, ProcessNoise()))
     estimator.start(belief)
     loop.rehearse(estimator, timeline[0].time, timeline[1:])
@@ -265,8 +263,17 @@ def test_runs_side_by_side_have_the_beliefs_of_runs_by_themselves(name: str) -> 
     first = EpochRun(
         np.diff(loop.times_of(timeline)), tuple(replace(p, first=p.first[1:], end=p.end[1:]) for p in parts)
     )
-    beliefs = [np.tile(array, (10, *[1] * array.ndim)) for array in (belief.mean, belief.factor)]
-    taken = estimator.take_in_runs(first, *beliefs)
+    beliefs = [np.tile(array, (len(several), *[1] * array.ndim)) for array in (belief.mean, belief.factor)]
+    return estimator.take_in_runs(first, *beliefs)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["poses", "poses and gyro", TRACKS])
+def test_runs_side_by_side_have_the_beliefs_of_runs_by_themselves(name: str) -> None:
+    timeline, belief = sample(name)
+    several = changed_runs(timeline, 10)
+    singles = [estimated(belief, one)[0] for one in several]
+    taken = runs_side_by_side(belief, timeline, several)
     assert taken is not None
     assert np.count_nonzero(taken.done == len(timeline) - 1) >= 8  # the others may need single epochs
     for k, (single, done) in enumerate(zip(singles, taken.done.tolist(), strict=True)):

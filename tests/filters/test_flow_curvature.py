@@ -7,17 +7,18 @@ import pytest
 from jaxtyping import Float
 
 from spinfilters.evaluation.consistency import chi_square_band, true_states
+from spinfilters.filters.compiled_steps import compiled_propagation
 from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import EpochRun, Measurement, SensorTimeline
 from spinfilters.filters.flow_curvature import (
     LEFT,
     SOFT,
     TURN,
     FlowCurvature,
     bends_over,
-    pass_stretches,
     widened_runs,
 )
-from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, run
+from spinfilters.filters.timeline import LogTimeline, SensorNoise, Timeline, build_timeline, run
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
@@ -97,7 +98,7 @@ def test_a_belief_of_a_known_body_stays_as_it_is() -> None:
     known[FULL.slice("s")] *= 0.9 * SOFT / STD[-1]
     curvature = FlowCurvature(TURN)
     assert curvature.widened(UNDISTURBED, belief.mean, known, 0.1) is known
-    assert curvature.steps_in_stretch(np.full(9, 0.1)) == 9
+    assert not curvature.is_due(0.1)
     assert not np.array_equal(
         FlowCurvature(TURN).widened(UNDISTURBED, belief.mean, belief.factor, 0.1), known
     )
@@ -109,12 +110,12 @@ def test_bends_of_a_spin_about_an_axis_are_seldom_computed() -> None:
     mean, factor, stretches = FULL.origin(), np.diag(STD), 0
     mean[FULL.mean_slice("w")] = axis
     factor[FULL.slice("s").start + 2 :] *= 1e-4  # of the products of inertia
-    curvature, dt = FlowCurvature(TURN), np.full(1, 0.2)
+    curvature = FlowCurvature(TURN)
     for _ in range(600):  # 360 rad
         before = curvature.snapshot()[LEFT][0]
         assert curvature.widened(UNDISTURBED, mean, factor, 0.2) is factor
         stretches += curvature.snapshot()[LEFT][0] != before
-        curvature.pass_steps(dt)
+        curvature.pass_step(0.2)
     assert stretches < 15
 
 
@@ -183,18 +184,33 @@ def test_runs_together_are_widened_as_each_by_itself() -> None:
         np.testing.assert_array_equal(own.snapshot()[LEFT], together[k].snapshot()[LEFT])
 
 
-def test_stretches_of_many_runs_are_those_of_each() -> None:
-    dt, generator = np.random.default_rng(0).uniform(0.5, 1.5, 40), np.random.default_rng(1)
-    together, alone = ([FlowCurvature(TURN) for _ in range(8)] for _ in range(2))
-    epoch = np.array([0, 0, 3, 10, 38, 39, 20, 5])
-    for one, other, length in zip(together, alone, generator.uniform(0.0, 12.0, 7), strict=False):
-        one.begin_stretch(length, is_negligible=False)
-        other.begin_stretch(length, is_negligible=False)
-    together[7].end()
-    alone[7].end()
-    ends = pass_stretches(together, dt, epoch)
-    for k, (first, each) in enumerate(zip(epoch, alone, strict=True)):
-        steps = each.steps_in_stretch(dt[first:])
-        each.pass_steps(dt[first : first + steps])
-        assert ends[k] == first + steps
-        assert together[k].snapshot()[LEFT].tolist() == each.snapshot()[LEFT].tolist()
+@pytest.mark.skipif(compiled_propagation(11) is None, reason="no compiled code")
+def test_runs_side_by_side_are_widened_as_each_by_itself() -> None:
+    timeline, belief, truth = poses(5)
+    assert isinstance(timeline, LogTimeline)
+    scales, singles = (1.0, 0.5, 0.02), []
+    error = FULL.local(truth[0], belief.mean)
+    beliefs = [
+        Gaussian(FULL, FULL.retract(truth[0], scale * error), scale * belief.factor) for scale in scales
+    ]
+    estimator = MultiplicativeEkf(UNDISTURBED, curvature=FlowCurvature(TURN))
+    for each in beliefs:
+        estimator.start(each)
+        singles.append(run(estimator, timeline[0].time, timeline[1:]))
+    estimator.start(belief)
+    sensors = []
+    for part in timeline.sensors:
+        every = part.every
+        values, parameters = (np.tile(array, (len(scales), 1)) for array in (every.values, every.parameters))
+        measured = Measurement(every.model, values, parameters)
+        sensors.append(SensorTimeline(measured, part.first[1:], part.end[1:]))
+    epochs = EpochRun(np.diff(timeline.time), tuple(sensors))
+    means, factors = (np.stack([getattr(each, name) for each in beliefs]) for name in ("mean", "factor"))
+    taken = estimator.take_in_runs(epochs, means, factors)
+    assert taken is not None
+    for k, (single, done) in enumerate(zip(singles, taken.done.tolist(), strict=True)):
+        assert done == len(epochs.dt)
+        factor, std = taken.rows["factor"][k, :done], np.sqrt(np.einsum("kii->ki", single.covariance[:done]))
+        scale = std[:, :, np.newaxis] * std[:, np.newaxis]
+        found = factor @ np.swapaxes(factor, 1, 2) / scale
+        np.testing.assert_allclose(found, single.covariance[:done] / scale, atol=1e-7)

@@ -5,7 +5,14 @@ import pytest
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.models import feature_tracks as visibility
-from spinfilters.models.feature_tracks import NEAREST_M, Surface, facing, recognised
+from spinfilters.models.feature_tracks import (
+    NEAREST_M,
+    SomeAppearances,
+    Surface,
+    draw_detections,
+    facing,
+    recognised,
+)
 
 
 def sample(depth: float) -> tuple[Surface, np.ndarray, np.ndarray]:
@@ -51,3 +58,29 @@ def test_an_appearance_is_known_again_as_a_whole_and_each_is_drawn_anew():
     drawn = np.tile([[0.9], [0.1], [0.5], [0.5], [0.5]], (1, 2))
     found = recognised(visible, drawn, np.array([0.3, 0.95]))
     np.testing.assert_array_equal(found, np.array([[0, 0], [0, 1], [0, 1], [1, 0], [1, 1]], dtype=bool))
+
+
+@pytest.mark.parametrize("bits", [np.random.PCG64, np.random.MT19937])
+def test_compiled_and_numpy_draw_the_same_tracks_and_leave_the_generator_at_the_same_place(monkeypatch, bits):
+    def drawn() -> tuple[np.ndarray, ...]:
+        generator = np.random.Generator(bits(5))
+        visible = np.random.default_rng(6).random((12, 37)) < 0.6
+        known = SomeAppearances(2.0, 1.0).known(visible, generator)
+        return known, *draw_detections(known, 0.8, 3, generator), generator.random(2)
+
+    found = drawn()
+    monkeypatch.setattr(visibility, "_library", lambda: None)
+    for ours, reference in zip(found, drawn(), strict=True):
+        np.testing.assert_array_equal(ours, reference)
+    known, ids, counts, noise, _ = found
+    assert counts.sum() == len(ids) == len(noise) < known.sum()
+    assert known[np.repeat(np.arange(len(counts)), counts), ids].all()
+
+
+def test_an_appearance_is_drawn_as_if_every_frame_had_one():
+    visible = np.random.default_rng(7).random((9, 20)) < 0.5
+    generator, reference = np.random.default_rng(8), np.random.default_rng(8)
+    probability = reference.beta(2.0, 1.0, visible.shape[1])
+    expected = recognised(visible, reference.random(visible.shape), probability)
+    np.testing.assert_array_equal(SomeAppearances(2.0, 1.0).known(visible, generator), expected)
+    assert generator.random() == reference.random()

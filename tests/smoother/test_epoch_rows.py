@@ -7,7 +7,16 @@ from jaxtyping import Float
 from spinfilters.core.c_library import LANES
 from spinfilters.smoother.epoch_rows import EpochRows, weigh_rows, weigh_rows_in_numpy
 
-SHAPES = [(40, 3, 6), (40, 2, 6), (25, 3, 3), (25, 6, 6), (30, 1, 2), (30, 3, LANES + 2), (12, 3, 3 * LANES)]
+SHAPES = [
+    (40, 3, 6),
+    (20, 3, 1),
+    (40, 2, 6),
+    (25, 3, 3),
+    (25, 6, 6),
+    (30, 1, 2),
+    (30, 3, LANES + 2),
+    (12, 3, 3 * LANES),
+]
 """Measurements, components of each, and columns: narrower and wider than the vectors of the loops, too."""
 
 

@@ -183,12 +183,12 @@ def _refine_poses(
         step = _gauss_newton(model, table.part(moving), poses[moving], points[moving], rough.agreeing[moving])
         poses[rows], points[rows] = step.poses, step.points
         settled = step.determined & (step.length < smallest)
-        done = step.determined if iteration == ITERATIONS - 1 else settled
-        for k in np.flatnonzero(done):
+        done = np.flatnonzero(step.determined if iteration == ITERATIONS - 1 else settled)
+        for k, covariance in zip(done, np.linalg.inv(step.information[done]), strict=True):
             given = slice(counts[rows[k]])
             fits[rows[k]] = FittedPose(
                 step.poses[k],
-                np.linalg.inv(step.information[k]),
+                covariance,
                 step.inliers[k, given],
                 step.squares[k, given],
             )
@@ -233,7 +233,7 @@ def _gauss_newton(
 ) -> _Step:
     """A step from poses and points (m, frame g) of these epochs."""
     innovation, jacobian, valid, by_left = _linearise_matches(model, table, poses, points)
-    squares = np.square(innovation).sum(axis=2)
+    squares = np.einsum("fki,fki->fk", innovation, innovation)
     u, v, right = (np.abs(innovation[..., k]) for k in range(3))  # a maximum along so short an axis is slow
     inliers = valid & _within_gate(np.maximum(np.maximum(u, v), right), agreeing)
     determined = np.count_nonzero(inliers, axis=1) >= np.maximum(4, SMALLEST_SHARE * table.counts)
@@ -258,12 +258,13 @@ def _linearise_matches(
     points: Float[np.ndarray, "f k 3"],
 ) -> MatchRows:
     (f, k), epochs = table.given.shape, np.repeat(np.arange(len(table.given)), table.given.shape[1])
-    # Parameters of the sensor: [point (3) | calibration | noise].
-    parameters = np.concatenate([points, table.parameters[..., 3:]], axis=2).reshape(f * k, -1)
     pixels, by_left = table.pixels.reshape(f * k, 3), None
-    if table.covariance is None:
-        innovation, jacobian, valid, _ = model.linearise(poses[epochs], parameters, pixels)
+    if table.covariance is None:  # points of an exact map stay where they are
+        parameters = table.parameters.reshape(f * k, -1)
+        innovation, jacobian, valid, _ = model.linearise_each(poses, epochs, parameters, pixels)
     else:
+        # Parameters of the sensor: [point (3) | calibration | noise].
+        parameters = np.concatenate([points, table.parameters[..., 3:]], axis=2).reshape(f * k, -1)
         away = (table.points - points).reshape(f * k, 3)
         matches = UncertainMatches(parameters, pixels, away, table.covariance.reshape(f * k, 3, 3))
         innovation, jacobian, valid, by_left = matches.linearised(model, poses, epochs)
@@ -301,11 +302,12 @@ def poses_with_map(
     """
     assert tracks.ids is not None
     times, epochs = [], []
+    index, found = find_landmarks(known.ids, tracks.ids)
     for time, rows in track_epochs(tracks):
-        index, found = find_landmarks(known.ids, tracks.ids[rows])
-        own = noise_of_rows(noise_of_rows(noise, rows), found)
+        own = found[rows]
+        level = noise_of_rows(noise_of_rows(noise, rows), own)
         times.append(time)
-        epochs.append(Matches(known.points[index[found]], tracks.values[rows][found], own))
+        epochs.append(Matches(known.points[index[rows][own]], tracks.values[rows][own], level))
     return pose_stream(dict(zip(times, fit_poses(epochs, calibration), strict=True)))
 
 

@@ -405,13 +405,14 @@ def observation_correlation(rows: LinearRows) -> ObservationCorrelation | None:
     for sensor, rest in zip(rows.problem.motion.sensors, left.sensors, strict=True):
         if len(np.unique(sensor.epoch)) < len(sensor.epoch) and sensor.parameters.shape[1] >= POINT:
             landmark = _numbers_of_points(sensor.parameters[:, :POINT])
-            counted = np.abs(rest[:, :, 0]).max(axis=1) > 0
+            counted = np.any([own != 0 for own in rest[:, :, 0].T], axis=0)
             found.append((landmark[counted], sensor.epoch[counted], rest[counted, :, 0]))
     for landmark, epoch, rest in found:
         before, after = _neighbours(landmark, epoch)
-        products += float(np.vdot(rest[before], rest[after]))
-        squares += [np.vdot(rest[before], rest[before]), np.vdot(rest[after], rest[after])]
-        count += len(before) * rest.shape[1]
+        one, other = rest[before], rest[after]
+        products += float(np.vdot(one, other))
+        squares += [np.vdot(one, one), np.vdot(other, other)]
+        count += one.size
     if not (count and np.all(squares > 0)):
         return None
     value = products / float(np.sqrt(squares[0] * squares[1]))

@@ -20,10 +20,13 @@ from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.state_blocks import ATTITUDE, POSITION, VELOCITY
 from spinfilters.verdict.model_errors.linear_rows import Columns
 from spinfilters.verdict.model_errors.smoothed_motion import (
+    RIGHT,
     KnownCamera,
     MeasuredRows,
     Shift,
     SmoothedMotion,
+    U,
+    V,
     centred_time,
     displaced_camera,
 )
@@ -303,11 +306,6 @@ def _of_positions(motion: SmoothedMotion, moved: Float[np.ndarray, "k 3 m"]) -> 
 
 # Images: changes of the observations in px
 
-CALIBRATION: Final = 3
-"""First parameter of a camera's calibration (fx, fy, cx, cy px, of a pair the baseline m): the point stands before it."""
-U, V, RIGHT = 0, 1, 2
-"""Components of an observation: pixels of the (left) camera, column of the right one."""
-
 
 def camera_shake(motion: SmoothedMotion) -> Columns | None:
     """All observations of an image have a shift of u and v in common."""
@@ -326,9 +324,10 @@ def distortion(motion: SmoothedMotion) -> Columns | None:
     """Radial distortion of every camera that the calibration lacks: x' = x (1 + k r^2)."""
 
     def shift(each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
-        xy, focal = _normalised(each)
-        columns = [[U, V], [U, V], [RIGHT, V]][: xy.shape[1]]
-        radius = np.stack([(xy[:, pair] ** 2).sum(axis=1) for pair in columns], axis=1)
+        xy, focal = each.image
+        squares = xy**2
+        # squared distances from the principal points, of the right camera in the row of the left one
+        radius = np.stack([squares[:, k] + squares[:, V] for k in [U, U, RIGHT][: xy.shape[1]]], axis=1)
         return (focal * xy * radius)[:, :, None]
 
     return _of_images(motion, shift)
@@ -338,10 +337,10 @@ def right_camera_turned(motion: SmoothedMotion) -> Columns | None:
     """Yaw, pitch and roll of the right camera, rad, as far as they move its columns."""
 
     def shift(each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
-        xy, focal = _normalised(each)
-        x, y = xy[:, RIGHT], xy[:, V]
+        xy, focal = each.image
+        x, y, f = xy[:, RIGHT], xy[:, V], focal[:, U]
         by = np.zeros((len(x), each.model.dim, 3))
-        by[:, RIGHT] = focal[:, [U]] * np.stack([1 + x * x, x * y, y], axis=1)
+        by[:, RIGHT, 0], by[:, RIGHT, 1], by[:, RIGHT, 2] = f * (1 + x * x), f * x * y, f * y
         return by
 
     return _of_images(motion, shift, cameras=2)
@@ -351,9 +350,8 @@ def right_camera_late(motion: SmoothedMotion) -> Columns | None:
     """The right image is taken later than the left one: u_right moves with the image during the delay."""
 
     def shift(each: MeasuredRows) -> Float[np.ndarray, "r i m"]:
-        counts = np.flatnonzero(
-            each.whitening[:, 0, 0] > 0
-        )  # of a lower triangle, zero of what does not count
+        used = each.whitening[:, 0, 0] > 0  # of a lower triangle, zero of what does not count
+        counts = slice(None) if used.all() else used
         by = np.zeros((*each.change.shape, 1))
         by[counts, RIGHT, 0] = _solve_lower(each.whitening[counts], each.change[counts])[:, RIGHT]
         return by
@@ -364,14 +362,6 @@ def right_camera_late(motion: SmoothedMotion) -> Columns | None:
 def _of_images(motion: SmoothedMotion, shift: Shift, cameras: int = 1) -> Columns | None:
     """Right-hand sides of observations by at least so many cameras at once that an error shifts."""
     return motion.shifted(lambda each: shift(each) if each.model.images >= cameras else None)
-
-
-def _normalised(each: MeasuredRows) -> tuple[Float[np.ndarray, "r i"], Float[np.ndarray, "r i"]]:
-    """Image coordinates of predicted pixels about the principal point over the focal length, and that length, by component."""
-    pixels, calibration = each.expected, each.parameters[:, CALIBRATION:]
-    columns = [U, V, U][: pixels.shape[1]]
-    focal, centre = calibration[:, columns], calibration[:, [2 + k for k in columns]]
-    return (pixels - centre) / focal, focal
 
 
 def _solve_lower(

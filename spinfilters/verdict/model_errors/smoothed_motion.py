@@ -31,6 +31,18 @@ from spinfilters.models.state_blocks import VELOCITY as CENTRE_VELOCITY
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.verdict.model_errors.linear_rows import Columns, LinearRows
 
+CALIBRATION: Final = 3
+"""First parameter of a camera's calibration (fx, fy, cx, cy px, of a pair the baseline m): the point stands before it."""
+U, V, RIGHT = 0, 1, 2
+"""Components of an observation: pixels of the (left) camera, column of the right one."""
+
+
+class ImageCoordinates(NamedTuple):
+    """Image coordinates about the principal point over the focal length, and that length (px), by component."""
+
+    xy: Float[np.ndarray, "r i"]
+    focal: Float[np.ndarray, "r i"]
+
 
 @dataclass(frozen=True)
 class MeasuredRows:
@@ -64,15 +76,25 @@ class MeasuredRows:
     change: Float[np.ndarray, "r i"]
 
     @cached_property
-    def expected(self) -> Float[np.ndarray, "r v"]:
-        """Expected values."""
-        return self.model.predict(self.states, self.parameters)
+    def image(self) -> ImageCoordinates:
+        """Expected pixels of observations as coordinates of the image."""
+        pixels, calibration = (
+            self.model.predict(self.states, self.parameters),
+            self.parameters[:, CALIBRATION:],
+        )
+        columns = [U, V, U][: pixels.shape[1]]
+        # calibration fx, fy, cx, cy: of each component the focal length and the principal point
+        focal = np.stack([calibration[:, k] for k in columns], axis=1)
+        centre = np.stack([calibration[:, 2 + k] for k in columns], axis=1)
+        return ImageCoordinates((pixels - centre) / focal, focal)
 
     def whitened(self, shift: Float[np.ndarray, "r i m"]) -> Float[np.ndarray, "r i m"]:
-        """W d of shifts d of the innovations, entry by entry of W: products of thousands of small matrices take longer."""
+        """W d of shifts d of the innovations, number by number: products of thousands of small matrices take longer."""
         found = np.zeros_like(shift)
         for i, j in self._entries:
-            found[:, i] += self.whitening[:, i, j, None] * shift[:, j]
+            own = np.ascontiguousarray(self.whitening[:, i, j])
+            for m in range(shift.shape[2]):
+                found[:, i, m] += own * shift[:, j, m]
         return found
 
     @cached_property
