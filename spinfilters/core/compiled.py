@@ -378,5 +378,16 @@ def address(array: np.ndarray) -> int:
         return array.__array_interface__["data"][0]
 
 
+_ADDRESS, _START = ctypes.addressof, ctypes.c_char.from_buffer
+
+
+def addresses(*arrays: np.ndarray) -> list[int]:
+    """`address` of many arrays, in two thirds of the time."""
+    try:
+        return [_ADDRESS(_START(array)) for array in arrays]  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError):  # one is read-only, or of no size
+        return [address(array) for array in arrays]
+
+
 def _long_array(values: list[int]) -> ctypes.Array[ctypes.c_longlong]:
     return (ctypes.c_longlong * len(values))(*values)

@@ -6,8 +6,7 @@ Noise levels of sensors and densities of disturbances; score tests compare given
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -20,8 +19,9 @@ from spinfilters.inference.noise_model import (
     NoiseModel,
     Residuals,
     WhitenedRows,
-    explained_rows,
+    explained_observations,
     residuals_of,
+    step_errors,
 )
 from spinfilters.smoother.batch_smoother import GATE
 from spinfilters.smoother.landmark_factors import LinearObservations
@@ -61,12 +61,21 @@ class WorkingSolutions:
     def information(self) -> Float[np.ndarray, "c c"]:
         """Fisher information of all ln variances.
 
-        What two of them share is that of the one with what is left of the other.
+        What two of them share is u_i'u_j - (J'u_i)' P (J'u_j), that of the one with what is left of the other.
         """
-        F = np.diag(self.variances_information)
-        explained = [explained_rows(self.problem, self.here, each) for each in self._solutions[1:]]
-        for (i, one), (j, other) in combinations(enumerate(self.sources), 2):
-            F[i, j] = F[j, i] = (one.dot(other) - one.dot(explained[j - 1])) / 2
+        F, ordering = np.diag(self.variances_information), self.problem.ordering
+        for j, (other, solution) in enumerate(zip(self.sources, self._solutions, strict=True)):
+            if not j:
+                continue
+            errors, seen = solution.system.errors, None
+            along = step_errors(ordering, errors), errors[:, ordering.order]
+            if self.here.linear is not None:
+                seen = explained_observations(self.here, solution)
+            for i, one in enumerate(self.sources[:j]):
+                explained = self._gradients[i].dot(*along)
+                if seen is not None and one.observations is not None:
+                    explained += float(np.vdot(one.observations, seen))
+                F[i, j] = F[j, i] = (one.dot(other) - explained) / 2
         return F
 
     @property
@@ -77,9 +86,23 @@ class WorkingSolutions:
 
     @cached_property
     def _solutions(self) -> list[NormalEquations]:
-        return [self._solution(each) for each in self.sources]
+        return [self._solution(*each) for each in zip(self.sources, self._gradients, strict=True)]
 
-    def _solution(self, right: WhitenedRows) -> NormalEquations:
+    @cached_property
+    def _gradients(self) -> list["_Gradient"]:
+        return [self._gradient(each) for each in self.sources]
+
+    def _gradient(self, right: WhitenedRows) -> "_Gradient":
+        motion, here = self.problem.motion, self.here
+        sensors = np.zeros((self.problem.ordering.epochs, self.problem.layout.error_dim))
+        for k, (sensor, u) in enumerate(zip(motion.sensors, right.sensors, strict=True)):
+            if u.any():
+                rows, columns = here.sensor_rows(motion, k).by_epoch, motion.sensor_columns(sensor)[:-1]
+                sensors[:, columns] += rows.gradient(u[:, :, None], len(sensors))[:, :, 0]
+        steps = np.einsum("kdc,kd->kc", here.dynamics.rows[:, :, :-1], right.steps)
+        return _Gradient(steps, sensors)
+
+    def _solution(self, right: WhitenedRows, gradient: "_Gradient") -> NormalEquations:
         """The linear problem with another right-hand side."""
         here = self.here
         left = here.marginal_prior
@@ -87,30 +110,35 @@ class WorkingSolutions:
             left = replace(left, gradient=np.zeros_like(left.gradient))
         steps = here.dynamics.steps.copy()
         # per step J'y over the columns [moving k | moving k + 1 | constants], and y'y in the last entry
-        gradient = np.einsum("kdc,kd->kc", here.dynamics.rows[:, :, :-1], right.steps)
-        steps[:, :-1, -1] = steps[:, -1, :-1] = gradient
+        steps[:, :-1, -1] = steps[:, -1, :-1] = gradient.steps
         steps[:, -1, -1] = np.einsum("kd,kd->k", right.steps, right.steps)
         other = replace(
             here,
             dynamics=replace(here.dynamics, steps=steps),
-            sensors=replace(here.sensors, epochs=self._sensors(right)),
+            sensors=replace(here.sensors, epochs=self._sensors(gradient)),
             linear=_observations(here.linear, right),
             marginal_prior=left,
         )
         return self.problem.normal(other, self.normal.stage)
 
-    def _sensors(self, right: WhitenedRows) -> Float[np.ndarray, "k n1 n1"]:
+    def _sensors(self, gradient: "_Gradient") -> Float[np.ndarray, "k n1 n1"]:
         """Information blocks of the epochs; that of the prior has no right-hand side."""
-        motion, here = self.problem.motion, self.here
-        epochs, gradient = here.sensors.epochs.copy(), np.zeros(here.sensors.epochs.shape[:2])
-        for k, (sensor, u) in enumerate(zip(motion.sensors, right.sensors, strict=True)):
-            if not u.any():
-                continue
-            rows = here.sensor_rows(motion, k).by_epoch
-            columns = motion.sensor_columns(sensor)[:-1]
-            gradient[:, columns] += rows.gradient(u[:, :, None], len(gradient))[:, :, 0]
-        epochs[:, :, -1] = epochs[:, -1, :] = gradient
+        epochs, n = self.here.sensors.epochs.copy(), gradient.sensors.shape[1]
+        epochs[:, :, -1] = epochs[:, -1, :] = 0.0
+        # without sensors there is the first epoch alone
+        epochs[:, :n, -1] = epochs[:, -1, :n] = gradient.sensors[: len(epochs)]
         return epochs
+
+
+class _Gradient(NamedTuple):
+    """J'u by step, columns as in the steps' rows, and by epoch, components as in `VariableOrdering.order`; not of landmarks."""
+
+    steps: Float[np.ndarray, "j w"]
+    sensors: Float[np.ndarray, "k n"]
+
+    def dot(self, steps: Float[np.ndarray, "j w"], epochs: Float[np.ndarray, "k n"]) -> float:
+        """Product with errors of the same columns."""
+        return float(np.vdot(self.steps, steps) + np.vdot(self.sensors, epochs))
 
 
 def _observations(linear: LinearObservations | None, right: WhitenedRows) -> LinearObservations | None:
@@ -290,11 +318,11 @@ def _optimum(
 
 def _find_suspect(residuals: Residuals) -> tuple[int, int] | None:
     """Sensor and row of the measurement farthest from all others; None where chance explains its distance."""
-    least = [float(each.min(initial=1.0)) for each in residuals.deleted]
-    if not least or min(least) * sum(map(len, residuals.deleted)) >= SUSPECTED:
+    least = [each.least_probability for each in residuals.sensors]
+    if not least or min(least) * sum(len(each.rest) for each in residuals.sensors) >= SUSPECTED:
         return None
     sensor = int(np.argmin(least))
-    return sensor, int(residuals.deleted[sensor].argmin())
+    return sensor, residuals.sensors[sensor].farthest
 
 
 def _covariance(information: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c"]:

@@ -18,7 +18,7 @@ from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.filters.estimator import LandmarkBelief, ProcessModel
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Timeline, times_of
-from spinfilters.inference.noise_model import deleted_residuals
+from spinfilters.inference.noise_model import sensor_residuals
 from spinfilters.models.body import body_estimate
 from spinfilters.models.gauge import GAUGE_DIM, GAUGE_STD
 from spinfilters.models.measurement import MeasurementModel
@@ -253,13 +253,13 @@ def _most_masked(problem: Problem, solved: Solved, gate: float) -> tuple[int, in
     if solved.normal.solution is None or not solved.converged:
         return None
     marginals = Marginals(solved.normal.solution, solved.normal.eliminated)
-    every = deleted_residuals(problem, solved.point, marginals)
+    every = sensor_residuals(problem, solved.point, marginals)
     beyond = [float(chi_square_tail(gate**2, sensor.model.dim)) for sensor in problem.motion.sensors]
-    least = [float(each.min(initial=1.0)) / limit for each, limit in zip(every, beyond, strict=True)]
+    least = [each.least_probability / limit for each, limit in zip(every, beyond, strict=True)]
     if not least or min(least) >= 1.0:
         return None
     number = int(np.argmin(least))
-    return number, int(every[number].argmin())
+    return number, every[number].farthest
 
 
 def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> InitialEstimate:

@@ -25,6 +25,7 @@ from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.smoother.landmark_factors import linearise_observations
 from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.motion_factors import NOISE_FLOOR, SensorRows, prior_rows
+from spinfilters.smoother.priors import VariableOrdering
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
 
 
@@ -155,11 +156,6 @@ class Residuals:
     sources: tuple["WhitenedRows", ...]
     sensors: tuple["SensorResiduals", ...]
 
-    @cached_property
-    def deleted(self) -> tuple[Float[np.ndarray, " _"], ...]:
-        """Of every such sensor, probability of larger residuals of each measurement about states of all others."""
-        return tuple(each.deleted for each in self.sensors)
-
 
 @dataclass(frozen=True)
 class WhitenedRows:
@@ -193,6 +189,7 @@ def residuals_of(
     normal: NormalEquations,
     components: Sequence[ComponentRows],
     densities: Sequence[str],
+    after: "StepsAfter | None" = None,
 ) -> Residuals:
     """Residuals of the linear problem about a point, at its solution.
 
@@ -202,9 +199,11 @@ def residuals_of(
         Names of the disturbances wanted.
     normal : NormalEquations
         Solved, its rows in memory (`Problem.is_long` is false).
+    after : StepsAfter or None
+        What the solution leaves of the steps, where it is known already.
     """
     marginals = Marginals(normal.system, normal.eliminated)
-    steps = steps_after(problem, here, marginals)
+    steps = after or steps_after(problem, here, marginals)
     sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
     # a right-hand side of zeros, to which each source adds its own rows
     seen = None if here.linear is None else np.zeros_like(here.linear.innovation)
@@ -232,12 +231,11 @@ def residuals_of(
     return Residuals(np.array(squares), np.array(redundancy), tuple(sources), tuple(sensors))
 
 
-def deleted_residuals(
+def sensor_residuals(
     problem: Problem, here: LinearizationPoint, marginals: Marginals
-) -> tuple[Float[np.ndarray, " _"], ...]:
-    """Probability of larger residuals of each measurement about states of all others, by pose-only sensor."""
-    numbers = range(len(problem.motion.sensors))
-    return tuple(_sensor_after(problem, here, marginals, k).deleted for k in numbers)
+) -> tuple["SensorResiduals", ...]:
+    """Residuals of every pose-only sensor."""
+    return tuple(_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors)))
 
 
 @dataclass(frozen=True)
@@ -269,31 +267,36 @@ class SensorResiduals:
     free: Float[np.ndarray, "r i"]
     leverage: float
 
-    @property
-    def deleted(self) -> Float[np.ndarray, " r"]:
-        """Probability of larger residuals of each measurement about states of all others (Cook and Weisberg 1982).
+    @cached_property
+    def deleted_squares(self) -> Float[np.ndarray, " r"]:
+        """Squared residuals of each measurement about states of all others (Cook and Weisberg 1982).
 
         Component by component; where few others determine one, with a redundancy of a fifth.
         """
-        squares = (self.rest**2 / np.maximum(self.free, LEAST_FREE)).sum(axis=1)
-        return np.asarray(chi_square_tail(squares, self.rest.shape[1]))
+        return np.einsum("ri,ri,ri->r", self.rest, self.rest, 1 / np.maximum(self.free, LEAST_FREE))
 
+    @property
+    def farthest(self) -> int:
+        """Row of the measurement with the largest of them."""
+        return int(self.deleted_squares.argmax())
 
-def explained_rows(problem: Problem, here: LinearizationPoint, normal: NormalEquations) -> WhitenedRows:
-    """Explained part J x of all whitened rows, x the solution of the linear problem (or with another right-hand side)."""
-    errors = normal.system.errors
-    sensors = [_explained_by_sensor(problem, here, errors, k) for k in range(len(problem.motion.sensors))]
-    seen = None if here.linear is None else _explained_observations(here, normal)
-    return WhitenedRows(tuple(sensors), _explained_steps(problem, here, errors), seen)
+    @property
+    def least_probability(self) -> float:
+        """Of larger residuals than those of the farthest measurement; 1 without any."""
+        largest = float(self.deleted_squares.max(initial=0.0))
+        return float(chi_square_tail(largest, self.rest.shape[1]))
 
 
 def _explained_steps(
     problem: Problem, here: LinearizationPoint, errors: Float[np.ndarray, "k n"]
 ) -> Float[np.ndarray, "j d"]:
-    ordering, moving = problem.ordering, errors[:, problem.ordering.moving]
-    # columns of a step's rows: moving errors of its first epoch, of its second, then the constants
-    both = np.concatenate([moving[:-1], moving[1:], errors[:-1, ordering.constant]], axis=1)
-    return np.einsum("kdc,kc->kd", here.dynamics.rows[:, :, :-1], both)
+    return np.einsum("kdc,kc->kd", here.dynamics.rows[:, :, :-1], step_errors(problem.ordering, errors))
+
+
+def step_errors(ordering: VariableOrdering, errors: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "j w"]:
+    """Errors by the columns of a step's rows: moving ones of its first epoch, of its second, then the constants."""
+    moving = errors[:, ordering.moving]
+    return np.concatenate([moving[:-1], moving[1:], errors[:-1, ordering.constant]], axis=1)
 
 
 def _explained_by_sensor(
@@ -303,7 +306,7 @@ def _explained_by_sensor(
     return rows.products(errors[:, sensor.model.columns, None])[:, :, 0]
 
 
-def _explained_observations(here: LinearizationPoint, normal: NormalEquations) -> Float[np.ndarray, "N 3"]:
+def explained_observations(here: LinearizationPoint, normal: NormalEquations) -> Float[np.ndarray, "N 3"]:
     """Of the observations that count, zero of the others."""
     fit, linear, solution = normal.eliminated, here.linear, normal.system
     assert fit is not None
@@ -362,7 +365,7 @@ def _observations_after(here: LinearizationPoint, normal: NormalEquations) -> Fl
     assert fit is not None
     assert linear is not None
     counted = np.where(fit.used[:, None], linear.innovation, 0.0)
-    return counted - _explained_observations(here, normal)
+    return counted - explained_observations(here, normal)
 
 
 def _free_observations(problem: Problem, normal: NormalEquations, spent: float) -> float:

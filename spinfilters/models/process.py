@@ -16,6 +16,7 @@ To add to the model:
   disturbance.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, make_dataclass
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING
@@ -33,7 +34,6 @@ from spinfilters.core.working_time import building, built_property
 from spinfilters.io.disturbances import DENSITIES, DISTURBANCES, noise_columns
 from spinfilters.models.batched_linearisation import BatchedLinearisation, StepsScan
 from spinfilters.models.rotation_integrator import (
-    FEWEST_TOGETHER,
     MAX_SUBSTEPS,
     LinearisedLoops,
     LinearisedScan,
@@ -163,6 +163,8 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     return layout.pack(rates)
 
 
+_PathSteps = Callable[[np.ndarray, float, np.ndarray, int], tuple[np.ndarray, np.ndarray]]
+"""Parts of many paths from points, the duration of a step, impulses and substeps, with the largest error of a step of each."""
 INTERVALS_PER_CALL = 64
 """Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
 
@@ -303,12 +305,14 @@ class TorqueFreeProcess:
         ndarray of float, shape (n + 1, m)
             Points at the begin and at the end of every interval.
         """
-        return self.disturbed_paths(x[np.newaxis], dt, normal[np.newaxis])[0]
+        h = dt / normal.shape[1]
+        scale = np.sqrt(self._disturbed_densities * (h / 2))
+        return self._disturbed.path(x, h, scale * normal)
 
     def disturbed_paths(
         self, x: Float[np.ndarray, "r m"], dt: float, normal: Float[np.ndarray, "r n k 2 b"]
     ) -> Float[np.ndarray, "r n_plus_1 m"]:
-        """Many disturbed motions, each to the numbers of `disturbed_path` but for rounding.
+        """Many disturbed motions, each to the numbers of `disturbed_path` but for rounding, whatever motions are beside it.
 
         Parameters
         ----------
@@ -550,10 +554,26 @@ class DisturbedSteps:
                 return after
             count *= 2
 
+    def path(
+        self, x: Float[np.ndarray, " m"], h: float, impulses: Float[np.ndarray, "n k 2 b"]
+    ) -> Float[np.ndarray, "n_plus_1 m"]:
+        """The point x of one motion and those after every k steps of h > 0 seconds; see `run`."""
+        return self._paths(x[np.newaxis], h, impulses[np.newaxis], self._steps_one_by_one)[0]
+
     def paths(
         self, x: Float[np.ndarray, "r m"], h: float, impulses: Float[np.ndarray, "r n k 2 b"]
     ) -> Float[np.ndarray, "r n_plus_1 m"]:
-        """Of each motion the point x and those after every k steps of h > 0 seconds; see `run`."""
+        """`path` of many motions, the bits of which do not depend on those beside it."""
+        steps = self._steps_side_by_side if self._scan.is_c else self._steps_one_by_one
+        return self._paths(x, h, impulses, steps)
+
+    def _paths(
+        self,
+        x: Float[np.ndarray, "r m"],
+        h: float,
+        impulses: Float[np.ndarray, "r n k 2 b"],
+        steps: _PathSteps,
+    ) -> Float[np.ndarray, "r n_plus_1 m"]:
         runs, intervals, each = impulses.shape[:3]
         filled = -(-intervals // INTERVALS_PER_CALL) * INTERVALS_PER_CALL
         flat = impulses.reshape(runs, intervals, each, -1)
@@ -561,35 +581,42 @@ class DisturbedSteps:
             flat = np.concatenate([flat, np.zeros((runs, filled - intervals, *flat.shape[2:]))], axis=1)
         points, q = [x[:, np.newaxis]], self._layout.mean_slice(ATTITUDE.name)
         for begin in range(0, filled, INTERVALS_PER_CALL):
-            part = self._path_parts(points[-1][:, -1], h, flat[:, begin : begin + INTERVALS_PER_CALL])
+            taken = flat[:, begin : begin + INTERVALS_PER_CALL]
+            part = self._path_parts(points[-1][:, -1], h, taken, steps)
             part[..., q] /= np.linalg.norm(part[..., q], axis=-1, keepdims=True)
             points.append(part)
         return np.concatenate(points, axis=1)[:, : 1 + intervals]
 
     def _path_parts(
-        self, x: Float[np.ndarray, "r m"], h: float, impulses: Float[np.ndarray, "r n k b"]
+        self,
+        x: Float[np.ndarray, "r m"],
+        h: float,
+        impulses: Float[np.ndarray, "r n k b"],
+        steps: _PathSteps,
     ) -> Float[np.ndarray, "r n m"]:
         """A part of each path, with the substeps that it needs by itself."""
-        intervals, each = impulses.shape[1:3]
-        made = np.empty((len(x), intervals, x.shape[1]))
+        made = np.empty((len(x), impulses.shape[1], x.shape[1]))
         counts = self._integrator.counts_at(self._integrator.speeds(x), np.full(len(x), h))
         left = np.arange(len(x))
         while left.size:
             coarse = []
             for count in np.unique(counts[left]).tolist():
                 rows = left[counts[left] == count]
-                if len(rows) >= FEWEST_TOGETHER and self._scan.is_c:
-                    made[rows], error = self._steps_side_by_side(x[rows], h, impulses[rows], count)
-                else:
-                    steps = self._compiled_steps(count, intervals * each, each)
-                    columns = np.swapaxes(impulses[rows].reshape(len(rows), intervals * each, -1), 1, 2)
-                    after, error = steps(x[rows], h, columns)
-                    made[rows] = np.swapaxes(after, 1, 2)
+                made[rows], error = steps(x[rows], h, impulses[rows], count)
                 good = self._integrator.are_good(error.reshape(len(rows), -1), count)
                 coarse += rows[~good].tolist()
             left = np.array(coarse, dtype=np.int64)
             counts[left] *= 2
         return made
+
+    def _steps_one_by_one(
+        self, x: Float[np.ndarray, "r m"], h: float, impulses: Float[np.ndarray, "r n k b"], count: int
+    ) -> tuple[Float[np.ndarray, "r n m"], Float[np.ndarray, " r"]]:
+        """`_steps_side_by_side`, each path by itself."""
+        intervals, each = impulses.shape[1:3]
+        columns = np.swapaxes(impulses.reshape(len(x), intervals * each, -1), 1, 2)
+        after, error = self._compiled_steps(count, intervals * each, each)(x, h, columns)
+        return np.swapaxes(after, 1, 2), error.reshape(len(x), -1).max(axis=1)
 
     def _steps_side_by_side(
         self, x: Float[np.ndarray, "r m"], h: float, impulses: Float[np.ndarray, "r n k b"], count: int

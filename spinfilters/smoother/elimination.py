@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_triangular
 
-from spinfilters.core.compiled import address
+from spinfilters.core.compiled import addresses
 from spinfilters.core.large_arrays import pooled_array, pooled_zeros
 from spinfilters.smoother.kernels import kernels, take_products
 from spinfilters.smoother.landmark_factors import (
@@ -64,22 +64,8 @@ class Eliminated:
         if library is None:
             return self._points_step(poses)
         step, poses = np.empty((s.landmarks, 3)), np.ascontiguousarray(poses)
-        library.follow_poses(
-            s.landmarks,
-            *map(
-                address,
-                (
-                    s.start,
-                    s.epoch,
-                    self.is_constrained,
-                    self.information_sqrt,
-                    self.gradient,
-                    self.coupling,
-                    poses,
-                    step,
-                ),
-            ),
-        )
+        given = (self.is_constrained, self.information_sqrt, self.gradient, self.coupling, poses)
+        library.follow_poses(s.landmarks, *addresses(s.start, s.epoch, *given, step))
         return step
 
     def _points_step(self, poses: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "L 3"]:
@@ -124,9 +110,9 @@ def eliminate(
     used, fall = np.empty(N, dtype=bool), np.empty(1)
     failed = library.eliminate_landmarks(
         *(L, epochs, kept),
-        *map(address, (observations.start, observations.epoch, rows, weight)),
+        *addresses(observations.start, observations.epoch, rows, weight),
         FLATTEST,
-        *map(address, (is_constrained, information_sqrt, gradient, coupling, information, slope, used, fall)),
+        *addresses(is_constrained, information_sqrt, gradient, coupling, information, slope, used, fall),
     )
     if failed:
         raise MemoryError("no memory to eliminate the landmarks")
@@ -266,7 +252,7 @@ class VelocityElimination:
         (K, v, width), p, library = self.coupling.shape, self.pose, kernels()
         if library is not None:
             sizes = (K, v, p, K if p else 0, width - 1, self.reach)
-            library.reduce_velocities(*sizes, *map(address, (self.begin, self.coupling, M)))
+            library.reduce_velocities(*sizes, *addresses(self.begin, self.coupling, M))
             return
         rest, X = K * p, self.coupling.reshape(K * v, width)
         # Constants and right-hand side: every epoch's X takes part in full.
@@ -292,7 +278,7 @@ class VelocityElimination:
             return self._solve_backwards(right)
         step, result = np.ascontiguousarray(separator_step), np.empty((K, v))
         arrays = (self.begin, self.coupling, self.information_sqrts, self.next, step, result)
-        library.solve_velocities(K, v, p, K if p else 0, width - 1, self.reach, *map(address, arrays))
+        library.solve_velocities(K, v, p, K if p else 0, width - 1, self.reach, *addresses(*arrays))
         return result
 
     def _solve_backwards(self, right: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
@@ -330,7 +316,7 @@ def eliminate_velocities(
     failed = library.eliminate_velocities(
         *(K, v, pose, blocks, width, reach),
         FADED,
-        *map(address, (D, E, G, begin)),
+        *addresses(D, E, G, begin),
     )
     if failed < 0:
         raise MemoryError("no memory to eliminate the velocities")

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.core.compiled import address
+from spinfilters.core.compiled import addresses
 from spinfilters.core.errors import InputError
 from spinfilters.core.robust_losses import RobustLoss
 from spinfilters.core.vectorised import result_array
@@ -71,6 +71,11 @@ class LandmarkObservations:
         """Offset of each landmark's observations, and the total."""
         count = np.bincount(self.landmark, minlength=self.landmarks)
         return np.concatenate([[0], np.cumsum(count)])
+
+    @cached_property
+    def latest(self) -> Int[np.ndarray, " q"]:
+        """The observations of the last epoch."""
+        return np.flatnonzero(self.epoch == len(self.counts) - 1)
 
     def by_epoch(self, chosen: Bool[np.ndarray, " N"]) -> tuple[Bool[np.ndarray, " _"], ...]:
         """A choice as one array per epoch, over all observations of the epoch."""
@@ -274,9 +279,9 @@ def _linearised_in_c(
     arrays = [np.ascontiguousarray(array) for array in given]
     rows, square, room = result_array(count, ROWS * COLUMNS), np.empty(count), np.empty((2, count))
     library.linearise_observations(
-        *(lanes, count, *map(address, arrays)),
+        *(lanes, count, *addresses(*arrays)),
         *(trajectory.shape[1], group.parameters.shape[1], group.values.shape[1], s.scale),
-        *map(address, (rows, square, room)),
+        *addresses(rows, square, room),
     )
     return LinearObservations(rows.reshape(count, ROWS, COLUMNS), square)
 

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.compiled import address
+from spinfilters.core.compiled import address, addresses
 from spinfilters.core.large_arrays import pooled_zeros
 from spinfilters.core.linear_algebra import dpotrf, dtrtri, dtrtrs
 from spinfilters.filters.estimator import LandmarkBelief
@@ -114,9 +115,11 @@ class SchurSystem:
         if not layout.has(MASS_DISTRIBUTION):
             return 0.0
         c, mass = len(constant), layout.slice(MASS_DISTRIBUTION.name)
-        corner = np.triu(dtrtri(self.information_sqrt[-c:, -c:].T, lower=0)[0])
-        variance = np.einsum("ij,ij->i", corner, corner)
-        return float(variance[(constant >= mass.start) & (constant < mass.stop)].max() ** 0.5)
+        # rows of the inverse that belong to the mass distribution; below the diagonal is what the factor has above its own
+        first = int(np.searchsorted(constant, mass.start))
+        corner = dtrtri(self.information_sqrt[-c:, -c:].T, lower=0)[0].tolist()
+        rows = range(first, first + mass.stop - mass.start)
+        return max(hypot(*corner[row][row:]) for row in rows)
 
 
 class SchurSolution(NamedTuple):
@@ -150,12 +153,12 @@ def solve_normal_equations(
     alone, steps = (np.ascontiguousarray(part) for part in (sensors.epochs, dynamics.steps))
     prior = (0, None, None)
     if marginal_prior is not None:
-        prior = (marginal_prior.epochs, *map(address, (marginal_prior.gram, marginal_prior.gradient)))
+        prior = (marginal_prior.epochs, *addresses(marginal_prior.gram, marginal_prior.gradient))
     failed = library.solve_window(
         *(K, p, v, c, None if eliminated is None else address(eliminated.pose_gradient)),
         *(len(alone), address(alone), address(steps) if len(steps) else None, *prior),
         *(damping, FADED, potrf_address()),
-        *map(address, (M, D, E, G, begin, gradient, step, back, predicted)),
+        *addresses(M, D, E, G, begin, gradient, step, back, predicted),
     )
     if failed > K:
         raise MemoryError("no memory to solve the linear problem")
@@ -298,7 +301,7 @@ def _in_c(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: BlockSi
         return False
     blocks = np.ascontiguousarray(blocks)
     counts = (len(blocks), both, len(tridiagonal[0]), *sizes)
-    library.add_information_blocks(*counts, address(blocks), *map(address, (M, *tridiagonal)))
+    library.add_information_blocks(*counts, address(blocks), *addresses(M, *tridiagonal))
     return True
 
 
@@ -497,7 +500,7 @@ class Marginals:
         library = kernels()
         if library is None:
             _follow_chain(*chain, follow, own)
-        elif library.chained_covariances(K, v, width - 1, *map(address, (*chain, follow, own))):
+        elif library.chained_covariances(K, v, width - 1, *addresses(*chain, follow, own)):
             raise MemoryError("no memory for the covariances of velocities")
         return (follow.reshape(K * v, -1) @ self.information_sqrt).reshape(K, v, -1), own
 

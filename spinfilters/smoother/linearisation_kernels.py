@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from spinfilters.core.compiled import address
+from spinfilters.core.compiled import address, addresses
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.models.batched_linearisation import StepsScan
 from spinfilters.models.state_layout import StateLayout
@@ -89,7 +89,7 @@ def charts_of(layout: StateLayout) -> KeptStructure | None:
     )
     arrays = (start, dimension, constant)
     sizes = (layout.mean_dim, layout.error_dim, len(blocks))
-    return KeptStructure.of(_ChartsStructure(*loops, *sizes, *map(address, arrays)), *arrays)
+    return KeptStructure.of(_ChartsStructure(*loops, *sizes, *addresses(*arrays)), *arrays)
 
 
 class ManySteps(NamedTuple):
@@ -117,7 +117,7 @@ def _many_steps(layout: StateLayout, found: StepsScan) -> ManySteps | None:
     charts = charts_of(layout)
     if charts is None:
         return None
-    numbers = (ctypes.c_void_p * len(found.numbers))(*map(address, found.numbers))
+    numbers = (ctypes.c_void_p * len(found.numbers))(*addresses(*found.numbers))
     structure = _StepsStructure(
         found.scan,
         *(found.error_dim, found.noise_dim, len(found.limits), found.fewest, found.rate),

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.core.compiled import address
+from spinfilters.core.compiled import address, addresses
 from spinfilters.core.robust_losses import LeastSquares, RobustLoss
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.timeline import Timeline, by_sensor, times_of
@@ -232,7 +232,7 @@ class EpochFactors:
             *(compiled.charts.address, compiled.steps.address, j + 1, address(self.dt), address(at)),
             *(None if self.first is None else address(self.first), len(places), address(places)),
             *(d, c, address(ordering.moving), address(ordering.constant), NOISE_FLOOR),
-            *map(address, (defect, transition, noise, rows, blocks)),
+            *addresses(defect, transition, noise, rows, blocks),
         )
         if cost < 0:
             return None
@@ -336,18 +336,27 @@ class EpochFactors:
         )
 
 
-def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> EpochFactors:
-    """The dynamics and sensors of some epochs, without a prior.
+def motion_of(
+    process: ProcessModel,
+    epochs: Timeline,
+    has_landmarks: bool,
+    prior: StatePrior | None = None,
+    first: Float[np.ndarray, " m"] | None = None,
+) -> EpochFactors:
+    """The dynamics and sensors of some epochs.
 
     Parameters
     ----------
     has_landmarks : bool
         Whether there are observations of landmarks.
+    prior : StatePrior or None
+        As of `EpochFactors`.
+    first : ndarray of float, shape (m,) or None
+        As of `EpochFactors`.
     """
     dt = np.diff(times_of(epochs))
-    return EpochFactors(
-        process, VariableOrdering(process.layout, len(epochs), has_landmarks), dt, collect_sensors(epochs)
-    )
+    ordering = VariableOrdering(process.layout, len(epochs), has_landmarks)
+    return EpochFactors(process, ordering, dt, collect_sensors(epochs), prior, first=first)
 
 
 def whitened_steps(
@@ -365,9 +374,9 @@ def whitened_steps(
     rows, blocks = np.empty((k, d, width)), np.empty((k, width, width))
     failed = library.step_rows(
         *(k, n, d, c, q),
-        *map(address, (ordering.moving, ordering.constant)),
+        *addresses(ordering.moving, ordering.constant),
         NOISE_FLOOR,
-        *map(address, (defect, transition, noise, rows, blocks)),
+        *addresses(defect, transition, noise, rows, blocks),
     )
     if failed:
         raise MemoryError("no memory to whiten the steps")
@@ -408,7 +417,7 @@ def prior_information(
     n = layout.error_dim
     mean, x = np.ascontiguousarray(prior.mean, dtype=float), np.ascontiguousarray(first)
     whitening, gram = np.ascontiguousarray(prior.whitened(np.eye(n))), np.empty((n + 1, n + 1))
-    arrays = map(address, (mean, whitening, ordering.order, x, gram))
+    arrays = addresses(mean, whitening, ordering.order, x, gram)
     if library.linearise_first(charts.address, *arrays) < 0:
         raise MemoryError("no memory to linearise the prior")
     return gram

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.compiled import address
+from spinfilters.core.compiled import address, addresses
 from spinfilters.core.errors import InputError
 from spinfilters.models.gauge import gauge_directions, gauge_function
 from spinfilters.models.state_blocks import StateBlock
@@ -276,7 +276,7 @@ class MarginalizationPrior:
         if library is None or call is None:
             return None
         gram, gradient, here = np.empty_like(self.gram), np.empty_like(self.right), np.ascontiguousarray(here)
-        arrays = map(address, (here, gram, gradient))
+        arrays = addresses(here, gram, gradient)
         cost = library.linearise_prior(*call.addresses, *arrays)
         if cost < 0:
             raise MemoryError("no memory to linearise what was marginalized")
@@ -321,8 +321,8 @@ def prior_structure(
         numbers, least = (prior.information_sqrt, prior.right, prior.gram), prior.constant_cost
         gauge = address(prior.gauge) if has_poses else None
     structure = PriorStructure(
-        *(len(first), *map(len, components), *map(address, columns)),
-        *(map(address, numbers) if numbers else (None,) * 3),
+        *(len(first), *map(len, components), *addresses(*columns)),
+        *(addresses(*numbers) if numbers else (None,) * 3),
         *(gauge, least),
     )
     return PriorCall(charts.address, loop, structure, columns)

@@ -32,8 +32,7 @@ def is_poor_guess(problem: Problem, here: LinearizationPoint, loss: RobustLoss) 
     """Whether the loss rejects most observations of the latest epoch."""
     if here.linear is None or problem.observations is None:
         return False
-    latest = np.flatnonzero(problem.observations.epoch == problem.ordering.epochs - 1)
-    lost = here.linear.weight(loss)[latest] == 0
+    lost = here.linear.weight(loss)[problem.observations.latest] == 0
     return bool(np.count_nonzero(lost) > POOR_GUESS_SHARE * len(lost))
 
 
@@ -69,8 +68,9 @@ def observation_weights(
     fit, (first, last) = normal.eliminated, np.searchsorted(window.seen.epoch, [epoch, epoch + 1]).tolist()
     weight = np.zeros(last - first)
     if fit is not None:
-        order = np.argsort(window.seen.landmark[first:last], kind="stable")
-        weight[order] = fit.weight[fit.observations.epoch == epoch]
+        order, seen = np.argsort(window.seen.landmark[first:last], kind="stable"), fit.observations
+        is_last = epoch == len(seen.counts) - 1
+        weight[order] = fit.weight[seen.latest if is_last else seen.epoch == epoch]
     return [weight[begin - first : end - first] for begin, end in pairwise(ends)]
 
 

@@ -182,9 +182,11 @@ def _scale_step(normal: NormalEquations, errors: Float[np.ndarray, "k n"], share
     """Part of the whole step, landmarks and velocities too."""
     points = None
     if normal.eliminated is not None:
-        points = share * normal.eliminated.points_step(normal.system.poses)
+        points = normal.eliminated.points_step(normal.system.poses)
+    if share != 1.0:
+        errors, points = share * errors, None if points is None else share * points
     predicted = share * (2 - share) * normal.predicted_reduction
-    return Step(share * errors, points, normal, predicted, share)
+    return Step(errors, points, normal, predicted, share)
 
 
 COST_SLACK = 1e-3

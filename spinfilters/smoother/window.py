@@ -290,19 +290,21 @@ class Window:
         groups, every = [], np.arange(len(order))
         for number, model in enumerate(self.models):
             # rows: places of the sensor's observations in that order; at: where they stand in the window
-            rows = every if len(self.models) == 1 else np.flatnonzero(s.sensor[order] == number)
-            at = order[rows]
+            alone = len(self.models) == 1
+            rows = every if alone else np.flatnonzero(s.sensor[order] == number)
+            at = order if alone else order[rows]
             groups.append(SensorGroup(model, rows, s.values.take(at, axis=0), s.parameters.take(at, axis=0)))
         counts = np.bincount(s.epoch, minlength=len(self.epochs))
         place = np.zeros(len(order), dtype=int)
         chosen = tuple(group for group in groups if len(group.rows))
-        return LandmarkObservations(s.epoch[order], s.landmark[order], place, counts, len(self.ids), chosen)
+        epoch, landmark = s.epoch.take(order), s.landmark.take(order)
+        return LandmarkObservations(epoch, landmark, place, counts, len(self.ids), chosen)
 
     def problem(self, process: ProcessModel, prior: StatePrior | None, has_landmarks: bool) -> Problem:
         """The least-squares problem of the window."""
         known = self.marginal_prior is not None and self.marginal_prior.knows_constants
         first = self.marginal_prior.first[0] if self.marginal_prior is not None and known else None
-        motion = replace(motion_of(process, self.epochs, has_landmarks), prior=prior, first=first)
+        motion = motion_of(process, self.epochs, has_landmarks, prior, first)
         return Problem(motion, self.observations if has_landmarks else None, self.marginal_prior)
 
     def last_seen(self) -> Int[np.ndarray, " L"]:

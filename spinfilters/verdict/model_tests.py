@@ -18,7 +18,7 @@ from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.timeline import Timeline, times_of
 from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.noise_choice import STATED
-from spinfilters.inference.noise_model import NoiseModel, StepsAfter, steps_after
+from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup
 from spinfilters.io.disturbances import DENSITIES
 from spinfilters.io.input_file import reason
@@ -27,7 +27,6 @@ from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_blocks import ATTITUDE, POSITION, RATE, VELOCITY, StateBlock
 from spinfilters.smoother.batch_smoother import GATE
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, reinitialised, seen_ids
-from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.problem import Problem, problem_of
 from spinfilters.verdict.model_errors.alternatives import CONTACT_AT_BEGIN, CONTACT_AT_END, Alternative, table
 from spinfilters.verdict.model_errors.hypotheses import (
@@ -87,9 +86,8 @@ def jumps(motion: SmoothedMotion) -> Iterator[Alternative]:
     count = len(motion.time) - 1
     if count <= 2 * FEWEST_STEPS:
         return
-    after = _steps_after(motion)
     for kind in KINDS:
-        among = step_statistics(motion, kind.kicks, after)[FEWEST_STEPS:-FEWEST_STEPS]
+        among = step_statistics(motion, kind.kicks)[FEWEST_STEPS:-FEWEST_STEPS]
         if among.max(initial=0.0) > 0:
             step = FEWEST_STEPS + int(among.argmax())
             first = float(motion.time[0])
@@ -124,22 +122,9 @@ def interval_of_jump(time: Float[np.ndarray, " k"], among: Float[np.ndarray, " j
     return float(time[possible[0]]), float(time[possible[-1] + 2])
 
 
-def _steps_after(motion: SmoothedMotion) -> StepsAfter:
-    rows = motion.rows
-    return steps_after(rows.problem, rows.here, Marginals(rows.solution, rows.normal.eliminated))
-
-
-def step_statistics(
-    motion: SmoothedMotion, kicks: Kicks, after: StepsAfter | None = None
-) -> Float[np.ndarray, " j"]:
-    """Score statistic of a kick in every step.
-
-    Parameters
-    ----------
-    after : StepsAfter or None
-        What the solution leaves of the steps, where it is known already.
-    """
-    after = after or _steps_after(motion)
+def step_statistics(motion: SmoothedMotion, kicks: Kicks) -> Float[np.ndarray, " j"]:
+    """Score statistic of a kick in every step."""
+    after = motion.rows.steps_after
     H = motion.kicks_of_steps(kicks(motion))
     # per step: information F = H'H - H'(J P J')H and score u = H'r of its kicks, in units of their own size
     across = np.swapaxes(H, 1, 2)

@@ -15,6 +15,7 @@ from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.epoch_run import CompiledSpread
 from spinfilters.filters.estimator import EpochRun, Measurement, RunsTaken
 from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.flow_curvature import FlowCurvature
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.filters.noise_levels import NoiseScale
 from spinfilters.filters.timeline import LogTimeline, SensorNoise, Timeline, build_timeline, run
@@ -58,7 +59,7 @@ def estimated(
     belief: Gaussian,
     timeline: Timeline,
     identified: dict[str, NoiseScale] | None = None,
-    made_of: type[MultiplicativeFilter] = MultiplicativeEkf,
+    made_of: Callable[[TorqueFreeProcess], MultiplicativeFilter] = MultiplicativeEkf,
 ) -> tuple[EstimateHistory, dict[str, np.ndarray], int]:
     """History and snapshot of a filter from the first epoch on, and how often it was called between epochs."""
     process = TorqueFreeProcess(belief.layout, ProcessNoise())
@@ -245,11 +246,16 @@ def changed_runs(timeline: LogTimeline, runs: int) -> list[LogTimeline]:
     return found
 
 
+def widening(turn: float) -> Callable[[TorqueFreeProcess], MultiplicativeEkf]:
+    """Filters that widen their beliefs once in a turn by this angle, rad."""
+    return lambda process: MultiplicativeEkf(process, curvature=FlowCurvature(turn))
+
+
 def runs_side_by_side(
-    belief: Gaussian, timeline: LogTimeline, several: list[LogTimeline]
+    belief: Gaussian, timeline: LogTimeline, several: list[LogTimeline], turn: float
 ) -> RunsTaken | None:
     """Epochs of many runs behind the first, from the same belief."""
-    estimator = MultiplicativeEkf(TorqueFreeProcess(belief.layout, ProcessNoise()))
+    estimator = widening(turn)(TorqueFreeProcess(belief.layout, ProcessNoise()))
     estimator.start(belief)
     loop.rehearse(estimator, timeline[0].time, timeline[1:])
     estimator.start(belief)
@@ -268,12 +274,17 @@ def runs_side_by_side(
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["poses", "poses and gyro", TRACKS])
-def test_runs_side_by_side_have_the_beliefs_of_runs_by_themselves(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "turn"), [("poses", np.inf), ("poses", 0.3), ("poses and gyro", 0.3), (TRACKS, np.inf)]
+)
+def test_runs_side_by_side_have_the_beliefs_of_runs_by_themselves(name: str, turn: float) -> None:
     timeline, belief = sample(name)
+    softly = np.array(belief.factor)
+    softly[belief.layout.slice("s")] *= 10.0 if np.isfinite(turn) else 1.0
+    belief = replace(belief, factor=softly)
     several = changed_runs(timeline, 10)
-    singles = [estimated(belief, one)[0] for one in several]
-    taken = runs_side_by_side(belief, timeline, several)
+    singles = [estimated(belief, one, made_of=widening(turn))[0] for one in several]
+    taken = runs_side_by_side(belief, timeline, several, turn)
     assert taken is not None
     assert np.count_nonzero(taken.done == len(timeline) - 1) >= 8  # the others may need single epochs
     for k, (single, done) in enumerate(zip(singles, taken.done.tolist(), strict=True)):
@@ -285,3 +296,14 @@ def test_runs_side_by_side_have_the_beliefs_of_runs_by_themselves(name: str) -> 
         np.testing.assert_allclose(*squares, atol=1e-8)
         for key, array in rows.items():
             np.testing.assert_allclose(array, getattr(single, key)[:done], rtol=1e-7, atol=1e-9, err_msg=key)
+
+
+@needs_compiler
+def test_a_run_has_the_same_bits_whatever_runs_are_beside_it() -> None:
+    timeline, belief = sample("poses")
+    several = changed_runs(timeline, 10)
+    every, alone = (runs_side_by_side(belief, timeline, runs, turn=0.3) for runs in (several, several[6:7]))
+    assert every is not None
+    assert alone is not None
+    for key, array in alone.rows.items():
+        np.testing.assert_array_equal(array[0, : alone.done[0]], every.rows[key][6, : every.done[6]])

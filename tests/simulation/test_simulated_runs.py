@@ -31,3 +31,20 @@ def test_recordings_made_together_are_those_made_one_by_one(kind: str) -> None:
             rows = slice(k * len(own.time), (k + 1) * len(own.time))
             np.testing.assert_allclose(every.values[rows], own.values, atol=ROUNDING)
             np.testing.assert_allclose(every.time[rows], own.time + k * together.period)
+
+
+@pytest.mark.parametrize("block", [[4], [8, 0, 5]])
+def test_a_recording_has_the_same_bits_whatever_recordings_are_made_with_it(block: list[int]) -> None:
+    scenario = Scenario(kind="pose", epochs=20, rate_rpm=RICH_RPM)
+    every, some = (
+        simulate_runs(
+            scenario,
+            [np.random.default_rng([k, 0]) for k in runs],
+            [np.random.default_rng([k, 1]) for k in runs],
+        )
+        for runs in (list(range(RUNS)), block)
+    )
+    for place, run in enumerate(block):
+        rows, own = (slice(k * every.epochs, (k + 1) * every.epochs) for k in (run, place))
+        np.testing.assert_array_equal(every.truth.q_ig[rows], some.truth.q_ig[own])
+        np.testing.assert_array_equal(every.log.streams[0].values[rows], some.log.streams[0].values[own])

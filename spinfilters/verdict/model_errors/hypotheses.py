@@ -128,7 +128,7 @@ NOTHING_KNOWN: Final = KnownLevels()
 def noise_of(model: NoiseModel, solved: LinearRows, told: KnownLevels = NOTHING_KNOWN) -> NoiseComponents:
     """Variance components of a solved problem."""
     problem, here = solved.problem, solved.here
-    after = residuals_of(problem, here, solved.normal, model.components, model.densities)
+    after = residuals_of(problem, here, solved.normal, model.components, model.densities, solved.steps_after)
     factors = tuple(source_factors(problem, here, model.densities))
     known = np.array([name in told.stated for name in model.names])
     correlation = np.array([told.correlation.get(name, 1.0) for name in model.names])

@@ -15,9 +15,10 @@ from scipy.linalg import solve_triangular
 
 from spinfilters.core.compiled import address
 from spinfilters.core.linear_algebra import STRETCH
+from spinfilters.inference.noise_model import StepsAfter, steps_after
 from spinfilters.smoother.epoch_rows import EpochRows
 from spinfilters.smoother.kernels import kernels
-from spinfilters.smoother.linear_system import SchurSystem
+from spinfilters.smoother.linear_system import Marginals, SchurSystem
 from spinfilters.smoother.motion_factors import SensorRows, prior_rows
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
 
@@ -268,6 +269,24 @@ def _stretches(count: int) -> Iterator[slice]:
     return (slice(first, first + STRETCH) for first in range(0, count, STRETCH))
 
 
+def _forward(L: Float[np.ndarray, "k n n"], right: Float[np.ndarray, "k n m"]) -> Float[np.ndarray, "k n m"]:
+    """L^-1 of many right-hand sides of many small lower triangles, row by row."""
+    found = np.empty_like(right)
+    for i in range(L.shape[1]):
+        rest = right[:, i] - sum(L[:, i, j, None] * found[:, j] for j in range(i))
+        found[:, i] = rest / L[:, i, i, None]
+    return found
+
+
+def _backward(L: Float[np.ndarray, "k n n"], right: Float[np.ndarray, "k n m"]) -> Float[np.ndarray, "k n m"]:
+    """L^-T of them."""
+    found, n = np.empty_like(right), L.shape[1]
+    for i in range(n - 1, -1, -1):
+        rest = right[:, i] - sum(L[:, j, i, None] * found[:, j] for j in range(i + 1, n))
+        found[:, i] = rest / L[:, i, i, None]
+    return found
+
+
 @dataclass(frozen=True)
 class LinearRows:
     """A solved linear problem; its rows must be in memory (`Problem.is_long` is false)."""
@@ -369,6 +388,11 @@ class LinearRows:
         parts = zip(self.by_epoch, left, strict=True)
         return tuple(rows.gradient(part, count)[:, :, 0] for rows, part in parts)
 
+    @cached_property
+    def steps_after(self) -> StepsAfter:
+        """What the solution leaves of the steps."""
+        return steps_after(self.problem, self.here, Marginals(self.solution, self.normal.eliminated))
+
     def score(self, right: Columns) -> Float[np.ndarray, " m"]:
         """H'rho over the rows that the right-hand sides have, rho what the solution leaves."""
         if not right.is_measured:
@@ -434,7 +458,7 @@ class LinearRows:
         pose, g = b.moving[:, :p].copy(), b.landmarks
         # Landmarks first: g = L^-1 b of each, and their share off the poses that observe them.
         if fit is not None:
-            g = np.linalg.solve(self._landmark_sqrts, np.where(fit.is_constrained[:, None, None], g, 0.0))
+            g = _forward(self._landmark_sqrts, np.where(fit.is_constrained[:, None, None], g, 0.0))
             pose -= (self._coupling @ g.reshape(-1, m)).reshape(pose.shape)
         # Chained errors along time, then their coupling X off the separator [poses | constants].
         chained, X = self._forward(b.moving[:, p:]), s.tridiagonal.coupling[:, :, :-1]
@@ -456,7 +480,7 @@ class LinearRows:
         moving[:, p:] = self._solve_backwards(chained - X @ kept)
         if fit is not None:
             follow = (self._coupling.T @ moving[:, :p].reshape(-1, m)).reshape(g.shape)
-            g = np.linalg.solve(np.swapaxes(self._landmark_sqrts, 1, 2), g - follow)
+            g = _backward(self._landmark_sqrts, g - follow)
             g[~fit.is_constrained] = 0.0
         return Gradient(moving, kept[K * p :], g)
 
