@@ -13,11 +13,10 @@ a stretch of many steps, in which the body turns by a small angle, and count fro
 are weighted with them.
 """
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from spinfilters.filters.estimator import ProcessModel, Snapshot
 from spinfilters.filters.square_root import triangular_factor
@@ -83,9 +82,20 @@ class FlowCurvature:
         """
         if not self.is_due(dt):
             return factor
-        return widened_runs([self], process, mean[np.newaxis], factor[np.newaxis], np.array([dt])).get(
-            0, factor
-        )
+        stretch = self.next_stretch(process.layout, mean, factor, dt)
+        if stretch is None:
+            self.end()
+            return factor
+        n = process.layout.error_dim
+        bends = bends_over(process, mean, factor[:n], stretch)
+        is_negligible = _largest(bends, factor[:n]) < NEGLIGIBLE
+        self.begin_stretch(stretch, is_negligible)
+        if is_negligible or not np.isfinite(bends).all():
+            return factor
+        # S S' + 3/4 sum of c c'
+        rows = np.zeros((len(factor), len(bends)))
+        rows[:n] = np.sqrt(0.75) * bends.T
+        return triangular_factor(np.concatenate([factor, rows], axis=1).T)
 
     def is_due(self, dt: float) -> bool:
         """Whether a stretch begins with a step of this duration (s)."""
@@ -99,7 +109,7 @@ class FlowCurvature:
         dt: float,
     ) -> float | None:
         """Duration (s) of the stretch that begins with a step of dt; None where none begins."""
-        if not self.is_due(dt) or not _is_soft(layout, factor[np.newaxis]).all():
+        if not self.is_due(dt) or not _is_soft(layout, factor):
             return None
         return self.stretch(float(np.linalg.norm(mean[layout.mean_slice(RATE.name)])), dt)
 
@@ -141,85 +151,21 @@ class FlowCurvature:
         self.go_on(snapshot[LEFT])
 
 
-def widened_runs(
-    curvatures: Sequence[FlowCurvature],
-    process: ProcessModel,
-    mean: Float[np.ndarray, "r m"],
-    factor: Float[np.ndarray, "r N N"],
-    dt: Float[np.ndarray, " r"],
-) -> dict[int, Float[np.ndarray, "N N"]]:
-    """`FlowCurvature.widened` of many runs, each to the numbers of a run by itself.
-
-    Parameters
-    ----------
-    curvatures : Sequence[FlowCurvature]
-        Of each run.
-    mean, factor : ndarray
-        Beliefs of the runs before their next step.
-    dt : ndarray of float, shape (r,)
-        Duration of that step, s.
-
-    Returns
-    -------
-    dict[int, ndarray]
-        Covariance factors of the runs that are widened, by the run's place.
-    """
-    layout = process.layout
-    due = np.array([k for k, each in enumerate(curvatures) if each.is_due(float(dt[k]))], dtype=np.int64)
-    if not due.size:
-        return {}
-    soft = _is_soft(layout, factor[due])
-    for k in due[~soft].tolist():
-        curvatures[k].end()
-    due = due[soft]
-    if not due.size:
-        return {}
-    S = factor[due, : layout.error_dim]
-    rates = np.linalg.norm(mean[due][:, layout.mean_slice(RATE.name)], axis=1)
-    stretches = [
-        curvatures[k].stretch(rate, step)
-        for k, rate, step in zip(due.tolist(), rates.tolist(), dt[due].tolist(), strict=True)
-    ]
-    bends = bends_of_runs(process, mean[due], S, np.array(stretches))
-    negligible = _sizes(bends, S) < NEGLIGIBLE
-    finite = np.asarray(np.isfinite(bends).all(axis=(1, 2)))
-    found = {}
-    for k, c, stretch, small, known in zip(due.tolist(), bends, stretches, negligible, finite, strict=True):
-        curvatures[k].begin_stretch(stretch, bool(small))
-        if known and not small:
-            rows = np.zeros((factor.shape[1], len(c)))
-            rows[: layout.error_dim] = np.sqrt(0.75) * c.T
-            # S S' + 3/4 sum of c c'
-            found[k] = triangular_factor(np.concatenate([factor[k], rows], axis=1).T)
-    return found
-
-
-def _is_soft(layout: StateLayout, factor: Float[np.ndarray, "r N N"]) -> Bool[np.ndarray, " r"]:
-    """Whether states of each belief may bend: along its widest direction of the mass distribution, if it has one."""
+def _is_soft(layout: StateLayout, factor: Float[np.ndarray, "N N"]) -> bool:
+    """Whether states of a belief may bend: along its widest direction of the mass distribution, if it has one."""
     if not layout.has(MASS_DISTRIBUTION):
-        return np.zeros(len(factor), dtype=bool)
-    rows = factor[:, layout.slice(MASS_DISTRIBUTION.name)]
-    square = np.einsum(
-        "rie,rie->r", rows, rows
-    )  # the largest singular value lies between root(square / 5) and root(square)
-    soft = (square > SOFT**2) & (square < np.inf)
-    narrow = soft & (square <= 1.01 * rows.shape[1] * SOFT**2)
-    if narrow.any():
-        soft[narrow] = np.linalg.norm(rows[narrow], 2, axis=(1, 2)) > SOFT
-    return soft
+        return False
+    rows = factor[layout.slice(MASS_DISTRIBUTION.name)]
+    return bool(np.isfinite(rows).all() and np.linalg.norm(rows, 2) > SOFT)
 
 
-def _sizes(bends: Float[np.ndarray, "r q n"], factor: Float[np.ndarray, "r n e"]) -> Float[np.ndarray, " r"]:
-    """The largest bend of each run in deviations of its belief; infinite where that is singular."""
-    square = factor
-    if factor.shape[1] != factor.shape[2]:
-        square = np.stack([triangular_factor(each.T) for each in factor])
+def _largest(bends: Float[np.ndarray, "q n"], factor: Float[np.ndarray, "n e"]) -> float:
+    """The largest bend in deviations of its belief; infinite where that is singular."""
+    square = factor if factor.shape[0] == factor.shape[1] else triangular_factor(factor.T)
     try:
-        return np.linalg.norm(np.linalg.solve(square, np.swapaxes(bends, 1, 2)), axis=1).max(axis=1)
+        return float(np.linalg.norm(np.linalg.solve(square, bends.T), axis=0).max(initial=0.0))
     except np.linalg.LinAlgError:
-        if len(bends) == 1:
-            return np.array([np.inf])
-        return np.concatenate([_sizes(bends[[k]], square[[k]]) for k in range(len(bends))])
+        return np.inf
 
 
 def bends_over(
@@ -228,7 +174,7 @@ def bends_over(
     factor: Float[np.ndarray, "n r"],
     duration: float,
 ) -> Float[np.ndarray, "q n"]:
-    """F^-1 c of a stretch along each soft direction; none where the belief has none.
+    """F^-1 c of a stretch along each soft direction, principal ones of the mass distribution; none where the belief has none.
 
     Parameters
     ----------
@@ -244,55 +190,21 @@ def bends_over(
     (q, n) float array
         Changes of the state at the begin; not finite where F has no inverse.
     """
-    (bends,) = bends_of_runs(process, mean[np.newaxis], factor[np.newaxis], np.array([duration]))
-    return bends[np.any(bends != 0, axis=1)]
-
-
-def bends_of_runs(
-    process: ProcessModel,
-    mean: Float[np.ndarray, "r m"],
-    factor: Float[np.ndarray, "r n e"],
-    duration: Float[np.ndarray, " r"],
-) -> Float[np.ndarray, "r q n"]:
-    """F^-1 c of a stretch of each run along its principal directions of the mass distribution.
-
-    Parameters
-    ----------
-    mean : (r, m) float array
-        States at the begin.
-    factor : (r, n, e) float array
-        Their covariance factors.
-    duration : (r,) float array
-        Of each run's stretch, s.
-
-    Returns
-    -------
-    (r, q, n) float array
-        Changes of the state at the begin, zero along directions that are not soft; not finite where F has no inverse.
-    """
     layout = process.layout
-    rows = factor[:, layout.slice(MASS_DISTRIBUTION.name)]
+    rows = factor[layout.slice(MASS_DISTRIBUTION.name)]
     directions, widths, _ = np.linalg.svd(rows, full_matrices=False)
-    bends = np.zeros((*widths.shape, layout.error_dim))
-    run, direction = np.nonzero(widths > SOFT)
-    if not run.size:
-        return bends
-    # b = P[:, s] e / sigma, shortened to a step that stays where the second order holds; a row for each run and direction
-    soft = widths[run, direction]
-    length = np.minimum(1.0, LONGEST_STEP / soft)
-    e = directions[run, :, direction] * (length / soft)[:, np.newaxis]
-    b = (factor[run] @ (np.swapaxes(rows, 1, 2)[run] @ e[:, :, np.newaxis]))[:, :, 0]
-    both, runs, count = np.concatenate([run, run]), np.arange(len(mean)), len(b)
-    around = np.concatenate([layout.retract(mean[both], np.concatenate([b, -b])), mean])
+    soft = widths > SOFT
+    count = int(np.count_nonzero(soft))
+    # b = P[:, s] e / sigma, shortened to a step that stays where the second order holds; a row for each direction
+    length = np.minimum(1.0, LONGEST_STEP / widths[soft])
+    b = (factor @ (rows.T @ (directions[:, soft] * (length / widths[soft])))).T
+    around = layout.retract(
+        np.tile(mean, (2 * count + 1, 1)), np.concatenate([b, -b, np.zeros((1, len(factor)))])
+    )
     try:
-        of = np.concatenate([both, runs])
-        ends, transition = process.steps(around, duration[of], of), process.transitions(mean, duration)
-        away = layout.local_pairs(ends[2 * count :][both], ends[: 2 * count])
-        c = away[:count] + away[count:]
-        bends[run, direction] = c / length[:, np.newaxis] ** 2
-        return np.swapaxes(np.linalg.solve(transition, np.swapaxes(bends, 1, 2)), 1, 2)
-    except (IntegrationError, np.linalg.LinAlgError):  # of one run, for which others need not pay
-        if len(runs) == 1:
-            return np.full_like(bends, np.nan)
-        alone = [bends_of_runs(process, mean[[k]], factor[[k]], duration[[k]]) for k in runs]
-        return np.concatenate(alone)
+        ends = process.step(around, duration)
+        away = layout.local_each(ends[-1], ends[:-1])
+        c = (away[:count] + away[count:]) / length[:, np.newaxis] ** 2
+        return np.linalg.solve(process.linearise(mean, duration).transition, c.T).T
+    except (IntegrationError, np.linalg.LinAlgError):
+        return np.full(b.shape, np.nan)

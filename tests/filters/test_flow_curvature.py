@@ -16,7 +16,6 @@ from spinfilters.filters.flow_curvature import (
     TURN,
     FlowCurvature,
     bends_over,
-    widened_runs,
 )
 from spinfilters.filters.timeline import LogTimeline, SensorNoise, Timeline, build_timeline, run
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -164,24 +163,24 @@ def test_a_filter_goes_on_from_a_snapshot_within_a_stretch() -> None:
     np.testing.assert_array_equal(*ends)
 
 
-def test_runs_together_are_widened_as_each_by_itself() -> None:
-    """To the bit: soft and hardly soft beliefs, a known body, one that turns too fast, one whose belief is not finite."""
+@pytest.mark.parametrize(
+    ("scale", "speed", "dt"),
+    [(1.0, 1.0, 0.1), (0.2, 1.0, 0.1), (0.01, 1.0, 0.1), (1.0, 1.1, 1.0), (np.nan, 1.0, 0.1)],
+)
+def test_a_compiled_prediction_of_any_belief_is_that_of_numpy(scale: float, speed: float, dt: float) -> None:
+    """Soft and hardly soft beliefs, a known body, a step longer than a stretch, a belief that is not finite."""
     _, belief, _ = poses(3)
-    scale = np.ones((6, FULL.error_dim))
-    scale[1:3, FULL.slice("s")] = [[0.2], [0.01]]
-    factor = belief.factor * scale[:, :, np.newaxis]
-    factor[5, FULL.slice("s")] = np.nan
-    mean = np.tile(belief.mean, (6, 1))
-    mean[3, FULL.mean_slice("w")] *= 1e5
-    mean[4, FULL.mean_slice("w")] *= 1.1
-    dt = np.array([0.1, 0.1, 0.1, 3.0, 0.2, 0.1])
-    together, single = ([FlowCurvature(TURN) for _ in mean] for _ in range(2))
-    found = widened_runs(together, UNDISTURBED, mean, factor, dt)
-    assert {0, 4} <= set(found) <= {0, 1, 4}
-    for k, own in enumerate(single):
-        wider = own.widened(UNDISTURBED, mean[k], factor[k], float(dt[k]))
-        np.testing.assert_array_equal(found.get(k, factor[k]), wider)
-        np.testing.assert_array_equal(own.snapshot()[LEFT], together[k].snapshot()[LEFT])
+    factor, mean = belief.factor.copy(), belief.mean.copy()
+    factor[FULL.slice("s")] *= scale
+    mean[FULL.mean_slice("w")] *= speed
+    found = []
+    for kind in (MultiplicativeEkf, InterpretedEkf):
+        estimator = kind(UNDISTURBED, curvature=FlowCurvature(TURN))
+        estimator.start(Gaussian(FULL, mean, factor))
+        estimator.predict(dt)
+        found.append((estimator.mean, estimator.belief.covariance, estimator.snapshot()[LEFT]))
+    for compiled, interpreted in zip(*found, strict=True):
+        np.testing.assert_allclose(compiled, interpreted, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.skipif(compiled_propagation(11) is None, reason="no compiled code")
