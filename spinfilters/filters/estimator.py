@@ -159,23 +159,8 @@ class ProcessModel(Protocol):
         """States ``dt`` seconds later without disturbances, shape as ``x``."""
         ...
 
-    def steps(
-        self,
-        x: Float[np.ndarray, "k m"],
-        dt: Float[np.ndarray, " k"],
-        of: Int[np.ndarray, " k"] | None = None,
-    ) -> Float[np.ndarray, "k m"]:
-        """States ``dt`` seconds of their own later; those of one number in ``of`` are integrated alike."""
-        ...
-
     def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
         """One step of ``dt`` seconds, linearised at ``x``."""
-        ...
-
-    def transitions(
-        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]
-    ) -> Float[np.ndarray, "k n n"]:
-        """Error transitions of `linearise` of many states, each over ``dt`` seconds of its own."""
         ...
 
     def linearised_loops(self) -> LinearisedLoops | None:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from spinfilters.core.attitude_expressions import Expression, quaternion_rate, rotate
 from spinfilters.core.compiled import Compiled
@@ -238,12 +238,7 @@ class TorqueFreeProcess:
         """
         return self._integrator.step(x, dt)
 
-    def steps(
-        self,
-        x: Float[np.ndarray, "k m"],
-        dt: Float[np.ndarray, " k"],
-        of: Int[np.ndarray, " k"] | None = None,
-    ) -> Float[np.ndarray, "k m"]:
+    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
         """Points after ``dt`` seconds (dt > 0) of their own without noise.
 
         Parameters
@@ -251,16 +246,14 @@ class TorqueFreeProcess:
         x : ndarray of float, shape (k, m)
             Points of the layout.
         dt : ndarray of float, shape (k,)
-            Duration of each, s; positive.
-        of : ndarray of int, shape (k,), or None
-            Points of one number, counted from zero, take as many substeps; None: points of equal dt.
+            Duration of each, s; positive. Points of equal dt take as many substeps.
 
         Returns
         -------
         ndarray of float, shape (k, m)
             Points at the ends.
         """
-        return self._integrator.steps(x, dt, of)
+        return self._integrator.steps(x, dt)
 
     def disturbed_steps(
         self, x: Float[np.ndarray, "*batch m"], dt: float, normal: Float[np.ndarray, "n *batch 2 b"]
@@ -358,25 +351,6 @@ class TorqueFreeProcess:
             Point after it, error transition Phi (n, n), and factor G of the process noise, Q = G G'.
         """
         return self._integrator.linearise(x, dt, self._densities)
-
-    def transitions(
-        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]
-    ) -> Float[np.ndarray, "k n n"]:
-        """Error transitions of `linearise` of many points, each over its own dt > 0.
-
-        Parameters
-        ----------
-        x : ndarray of float, shape (k, m)
-            Points before the steps.
-        dt : ndarray of float, shape (k,)
-            Duration of each, s; positive.
-
-        Returns
-        -------
-        ndarray of float, shape (k, n, n)
-            Phi of each.
-        """
-        return self._integrator.transitions(x, dt, self._densities)
 
     def linearised_loops(self) -> LinearisedLoops | None:
         """Compiled loops of `linearise` for steps like those that were linearised so far.

@@ -499,25 +499,14 @@ class RotationIntegrator:
         _, coarse = self._scan(x, constants, whole, 2 * whole / count, each=np.zeros((count // 2, 1)))
         return after, self._step_error(coarse, fine)[0]
 
-    def steps(
-        self,
-        x: Float[np.ndarray, "k m"],
-        dt: Float[np.ndarray, " k"],
-        of: Int[np.ndarray, " k"] | None = None,
-    ) -> Float[np.ndarray, "k m"]:
+    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
         """Points after dt > 0 seconds, each with its own dt.
 
-        Points of equal dt, or of one number in ``of``, take the same number of substeps, as in one `step` of them.
+        Points of equal dt take the same number of substeps, as in one `step` of them.
         """
         if not (np.isfinite(dt) & (dt > 0)).all():
             raise InputError("time steps must be positive and finite")
-        if of is not None and len(x) and not of.any():  # of one motion
-            return self._step_intervals(x, dt, of, self.first_count(x, float(dt.max())))
-        if of is None:
-            intervals, of_interval = np.unique(dt, return_inverse=True)
-        else:
-            intervals, of_interval = np.zeros(of.max(initial=-1) + 1), of
-            intervals[of] = dt
+        intervals, of_interval = np.unique(dt, return_inverse=True)
         fastest = np.zeros(len(intervals))
         np.maximum.at(fastest, of_interval, self.speeds(x))
         counts = self.counts_at(fastest, intervals)
@@ -559,44 +548,6 @@ class RotationIntegrator:
             if self.good(error, count):
                 return LinearisedStep(after, transition, factor)
             count *= 2
-
-    def transitions(
-        self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"], densities: Float[np.ndarray, " p"]
-    ) -> Float[np.ndarray, "k n n"]:
-        """Error transitions of `linearise` of many points, each over its own dt > 0 seconds."""
-        if len(x) == 1:
-            return self.linearise(x[0], float(dt[0]), densities).transition[np.newaxis]
-        found = np.empty((len(x), self._layout.error_dim, self._layout.error_dim))
-        counts = self.counts_at(self.speeds(x), dt)
-        left = np.arange(len(x))
-        while left.size:
-            good = np.ones(len(left), dtype=bool)
-            for count in np.unique(counts[left]).tolist():
-                at = np.flatnonzero(counts[left] == count)
-                rows = left[at]
-                if len(rows) >= FEWEST_TOGETHER and self.linearised_scan.scan.is_c:
-                    error, found[rows] = self._transitions_together(x[rows], dt[rows, None], densities, count)
-                else:
-                    _, error, found[rows], _ = self._lineariser(count)(x[rows], dt[rows, None], densities)
-                good[at] = self.are_good(error, count)
-            left = left[~good]
-            counts[left] *= 2
-        return found
-
-    def _transitions_together(
-        self,
-        x: Float[np.ndarray, "k m"],
-        dt: Float[np.ndarray, "k 1"],
-        densities: Float[np.ndarray, " p"],
-        count: int,
-    ) -> tuple[Float[np.ndarray, "k e"], Float[np.ndarray, "k n n"]]:
-        """Errors and transitions of steps of so many substeps, by vector instructions."""
-        linearised, n = self.linearised_scan, self._layout.error_dim
-        given = (x, dt, dt / count, densities[np.newaxis])
-        _, error, entries, _ = linearised.scan(*given, each=substep_numbers(count))
-        transition = np.zeros((len(x), n, n))
-        transition[:, *linearised.transition] = entries
-        return error, transition
 
     @property
     def noise_dim(self) -> int:

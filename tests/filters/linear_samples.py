@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from spinfilters.core.attitude_expressions import Expression
 from spinfilters.filters.estimator import Measurement
@@ -29,19 +29,6 @@ class LinearProcess:
 
     def step(self, x: Float[np.ndarray, "*batch n"], dt: float) -> Float[np.ndarray, "*batch n"]:
         return x @ self.transition(dt).T
-
-    def steps(
-        self,
-        x: Float[np.ndarray, "k n"],
-        dt: Float[np.ndarray, " k"],
-        of: Int[np.ndarray, " k"] | None = None,
-    ) -> Float[np.ndarray, "k n"]:
-        return np.array([self.step(point, float(step)) for point, step in zip(x, dt, strict=True)])
-
-    def transitions(
-        self, x: Float[np.ndarray, "k n"], dt: Float[np.ndarray, " k"]
-    ) -> Float[np.ndarray, "k n n"]:
-        return np.array([self.transition(float(step)) for step in dt])
 
     def linearise(self, x: Float[np.ndarray, " n"], dt: float) -> LinearisedStep:
         return LinearisedStep(self.step(x, dt), self.transition(dt), np.sqrt(dt) * self.noise)
