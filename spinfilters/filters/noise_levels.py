@@ -281,6 +281,7 @@ class NoiseAdaptation:
         self.options, self.identified = options, dict(identified or {})
         self._scales: dict[str, NoiseScale] = {}
         self._factors: dict[str, float] = {}
+        self._column_scales: dict[tuple[str, ...], np.ndarray] = {}
         self._known: dict[str, np.ndarray] = {}
         self._predictions = 0
 
@@ -299,13 +300,13 @@ class NoiseAdaptation:
 
     def column_scales(self, layout: StateLayout) -> Float[np.ndarray, " k"]:
         """Factors of the columns of the noise factor of a process over this layout."""
-        columns = noise_columns(layout.blocks)
-        scales = np.ones(max(at.stop for at in columns.values()))
-        for source, at in columns.items():
-            scale = self.process_scale(source)
-            if scale != 1.0:
-                scales[at] = np.sqrt(scale)
-        return scales
+        if layout.blocks not in self._column_scales:  # in most epochs nothing is learned
+            columns = noise_columns(layout.blocks)
+            scales = np.ones(max(at.stop for at in columns.values()))
+            for source, at in columns.items():
+                scales[at] = np.sqrt(self.process_scale(source))
+            self._column_scales[layout.blocks] = scales
+        return self._column_scales[layout.blocks]
 
     def observe_measurement(self, sensor: str, correction: UpdateOutcome) -> None:
         """Learn a sensor's scale from its update, which was made with `measurement_scale`."""
@@ -391,7 +392,7 @@ class NoiseAdaptation:
 
     def restore(self, snapshot: dict[str, np.ndarray]) -> None:
         """Go on from the `snapshot` among these arrays."""
-        self._scales, self._factors, self._known = {}, {}, {}
+        self._scales, self._factors, self._known, self._column_scales = {}, {}, {}, {}
         self._predictions = int(snapshot.get("noise.predictions", 0))
         for key, array in snapshot.items():
             name = key.removeprefix("noise.")
@@ -422,6 +423,7 @@ class NoiseAdaptation:
     def _learn(self, name: str, evidence: NoiseEvidence) -> None:
         self._scales[name] = self.level(name).after(evidence, self._horizon(name))
         self._factors.pop(name, None)
+        self._column_scales.clear()
 
 
 def residual_evidence(correction: UpdateOutcome) -> NoiseEvidence:
