@@ -7,6 +7,7 @@ taking the campaign, or a worker of a shared Dask cluster and what it holds for 
 another. Its own alarm ends it when a run takes longer than the study allows; when its input ends, so does it.
 """
 
+import gc
 import json
 import os
 import signal
@@ -180,6 +181,7 @@ def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
     warnings.filterwarnings("ignore", category=RuntimeWarning)  # numbers that are not finite have a status
     study = study_from(json.loads(first), "study")
     runner, limit = Runner(study), study.options.time_limit_s
+    gc.freeze()  # what is loaded stays: searches for garbage between runs need not go through it
     answers.write(b"ready\n")
     for request in iter(requests.readline, b""):
         signal.setitimer(signal.ITIMER_REAL, limit)

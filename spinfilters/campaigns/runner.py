@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
+from functools import cached_property, lru_cache
 from importlib.metadata import version
 from typing import Any, Final, TypeVar
 
@@ -38,25 +39,47 @@ from spinfilters.verdict.filter_diagnostics import motion_diagnostics
 
 @dataclass(frozen=True)
 class RunSeeds:
-    """Independent generators of one seed, the same for every cell.
+    """Independent generators of seed number ``seed``, that child of ``SeedSequence(root)``: the same for every cell.
 
-    Attributes
-    ----------
-    motion, measurements, faults, belief, factors : np.random.SeedSequence
-        Of the drawn motion, the noise, the faults, the initial belief, and numbers of factors that are drawn.
+    Each is made when it is first asked for, as child k of that child: most runs need three of them.
     """
 
-    motion: np.random.SeedSequence
-    measurements: np.random.SeedSequence
-    faults: np.random.SeedSequence
-    belief: np.random.SeedSequence
-    factors: np.random.SeedSequence
+    root: int
+    seed: int
+
+    @cached_property
+    def motion(self) -> np.random.SeedSequence:
+        """Of the drawn motion."""
+        return self._child(0)
+
+    @cached_property
+    def measurements(self) -> np.random.SeedSequence:
+        """Of the noise."""
+        return self._child(1)
+
+    @cached_property
+    def faults(self) -> np.random.SeedSequence:
+        """Of the faults."""
+        return self._child(2)
+
+    @cached_property
+    def belief(self) -> np.random.SeedSequence:
+        """Of the initial belief."""
+        return self._child(3)
+
+    @cached_property
+    def factors(self) -> np.random.SeedSequence:
+        """Of numbers of factors that are drawn."""
+        return self._child(4)
+
+    def _child(self, number: int) -> np.random.SeedSequence:
+        return np.random.SeedSequence(self.root, spawn_key=(self.seed, number))
 
 
+@lru_cache(maxsize=64)
 def run_seeds(root: int, seed: int) -> RunSeeds:
-    """Generators of seed number ``seed``, that child of ``SeedSequence(root)``."""
-    child = np.random.SeedSequence(root, spawn_key=(seed,))
-    return RunSeeds(*child.spawn(5))
+    """Generators of a seed, those of the latest seeds kept: a run asks for them several times."""
+    return RunSeeds(root, seed)
 
 
 def whole_number(sequence: np.random.SeedSequence) -> int:

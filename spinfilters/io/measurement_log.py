@@ -234,6 +234,8 @@ def require_unit_quaternions(name: str, quaternion: Float[np.ndarray, "n 4"]) ->
 
 def _require_covariances(name: str, covariance: Float[np.ndarray, "n k k"]) -> None:
     """Require finite, symmetric and positive definite matrices. RowError: the first that is not."""
+    if (covariance == covariance[:1]).all():  # of one and the same the first speaks for all
+        covariance = covariance[:1]
     finite = np.isfinite(covariance).all(axis=(1, 2))
     if not finite.all():
         raise RowError(name, int(np.argmin(finite)), "the covariance is not finite; leave out that line")

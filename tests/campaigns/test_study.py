@@ -46,8 +46,9 @@ def test_a_single_key_is_a_factor_over_the_levels_of_its_table() -> None:
 def test_seeds_are_the_children_that_spawning_gives() -> None:
     import numpy as np
 
-    child = np.random.SeedSequence(7).spawn(5)[4]
-    assert whole_number(run_seeds(7, 4).motion) == whole_number(child.spawn(1)[0])
+    seeds, children = run_seeds(7, 4), np.random.SeedSequence(7).spawn(5)[4].spawn(5)
+    asked = (seeds.motion, seeds.measurements, seeds.faults, seeds.belief, seeds.factors)
+    assert [whole_number(each) for each in asked] == [whole_number(each) for each in children]
 
 
 BAD: list[tuple[dict[str, Any], str]] = [
