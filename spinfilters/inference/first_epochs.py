@@ -215,7 +215,9 @@ def _length(belief: Gaussian, mean: np.ndarray) -> float:
 
 
 def is_bent(belief: Gaussian) -> bool:
-    """Whether a belief is wide enough for a filter's linearisation to count."""
+    """Whether a belief is wide enough for a filter's linearisation to count; one that is not finite has no width."""
+    if not np.isfinite(belief.factor).all():
+        return False
     layout, rate = belief.layout, belief.mean[belief.layout.mean_slice(RATE.name)]
     masses, rates = (np.linalg.norm(belief.factor[layout.slice(b)], 2) for b in "sw")
     return bool(masses > LINEAR_STD or rates > LINEAR_RATE_STD * np.linalg.norm(rate))

@@ -10,6 +10,7 @@ components of a vector. Lines with the same labels are the rows of one table.
 """
 
 import itertools
+import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -36,6 +37,7 @@ from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
 from spinfilters.io.stated_values import ReadingOptions, to_state
+from spinfilters.io.text_table import looks_cut
 
 _HEAD: Final = 1 << 14
 _FEWEST: Final = 3
@@ -95,6 +97,8 @@ def read_labelled_lines(path: Path, options: ReadingOptions) -> Dataset:
         )
     chosen = [line for line in lines if line.labels == moving[0]]
     _require_numbers(path, chosen)
+    if _ends_with_cut_number(path, chosen[-1]):
+        chosen.pop()
     messages = sorted({line.message for line in chosen})
     if options.topic in messages:
         chosen = [line for line in chosen if line.message == options.topic]
@@ -140,6 +144,33 @@ def _require_numbers(path: Path, chosen: Sequence[_Line]) -> None:
                 f"{path_text(path)}: line {number}: {value_text(name)} is {value_text(value) if value else 'nothing'}, no number; "
                 "correct or delete the line"
             )
+
+
+def _ends_with_cut_number(path: Path, last: _Line) -> bool:
+    """Whether a file ends within the last number of this line, because the power went while it was written."""
+    with open(path, "rb") as stream:
+        stream.seek(max(stream.seek(0, os.SEEK_END) - _HEAD, 0))
+        tail = stream.read()
+    if tail.endswith((b"\n", b"\r")):
+        return False
+    *before, text = tail.decode("utf-8", "replace").splitlines() or [""]
+    end = _line(last.line, text)
+    if (
+        end is None
+        or (end.labels, end.numbers) != (last.labels, last.numbers)
+        or not text.endswith(_digits(text))
+    ):
+        return False
+    above = next(
+        (line for line in reversed(before) if (found := _line(0, line)) and found.labels == last.labels), ""
+    )
+    return looks_cut(_digits(above), _digits(text))
+
+
+def _digits(text: str) -> str:
+    """The last number of a line, as it is written; a sign says nothing of digits."""
+    numbers = _NUMBER.findall(text)
+    return numbers[-1].lstrip("+-") if numbers else ""
 
 
 _NOT_FINITE: Final = re.compile(r"\b(?:nan|inf)", re.IGNORECASE)

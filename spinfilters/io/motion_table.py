@@ -351,6 +351,10 @@ def _decimals(R: Float[np.ndarray, "n 3 3"]) -> int:
     return ENOUGH_DECIMALS
 
 
+MOST_BEYOND: Final = 0.05
+"""Of the parts of whole seconds those that are none, at most: of more, the column is something else."""
+
+
 def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
     """Clock, where there is one, and quantities."""
     chosen = [k for quantity in quantities for k in columns.vectors[quantity].indices]
@@ -360,8 +364,13 @@ def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: t
     place, unit = columns.fraction
     table = source.read([*clock, place, *chosen], keys=2)
     seconds, rest = table.values[:, 0], unit * table.values[:, 1]
-    is_part = (seconds == np.floor(seconds)).all() and ((rest >= 0) & (rest < 1)).all()
-    steps = np.diff(seconds)
+    steps, is_whole = np.diff(seconds), (seconds == np.floor(seconds)).all()
+    beyond = np.flatnonzero(~((rest >= 0) & (rest < 1)))
+    if is_whole and (steps == 0).any() and 0 < len(beyond) < MOST_BEYOND * len(rest):
+        row, part = int(beyond[0]), value_text(table.names[1])
+        what = f"{part} is {table.values[row, 1]:.0f}, no part of a second"
+        raise table.error(row, f"{what}; correct or delete the {table.counted}")
+    is_part = is_whole and not len(beyond)
     # where one second stands in several rows the rest tells them apart, however long a dropout between others is
     if is_part and ((steps <= 1).all() or (steps == 0).any()):
         seconds = seconds + rest

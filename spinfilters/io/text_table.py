@@ -203,7 +203,13 @@ def _is_cut(path: Path, layout: TableLayout) -> bool:
     """Whether the last number of a table, without a line break behind it, has fewer digits than that above it."""
     lines = [text for line in _last_lines(path, layout) if (text := layout.content(line))]
     *before, last = [layout.cells(line)[-1] for line in lines] or [""]
-    above = next(filter(None, reversed(before)), "")  # an incomplete row says nothing of digits
+    return looks_cut(
+        next(filter(None, reversed(before)), ""), last
+    )  # an incomplete row says nothing of digits
+
+
+def looks_cut(above: str, last: str) -> bool:
+    """Whether the last number of a file without a line break at its end has fewer digits than the one above it."""
     return len(above) - len(last) > 1 and any(mark in above for mark in ".,")
 
 

@@ -116,10 +116,16 @@ class TriangleMesh:
         return TriangleMesh(self.vertices @ rotation.T + translation, self.triangles, self.name, self.remarks)
 
 
+def _signed_volume(mesh: TriangleMesh) -> float:
+    """Volume of a closed mesh, m^3; negative where its normals point inward."""
+    a, b, c = np.moveaxis(mesh.corners - mesh.vertices.mean(axis=0), 1, 0)
+    return float(np.einsum("fi,fi->", a, np.cross(b, c))) / 6
+
+
 def cleaned_mesh(
     vertices: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"], name: str
 ) -> TriangleMesh:
-    """The mesh without degenerate triangles, with equal vertices joined; its remarks say what was found.
+    """The mesh without degenerate triangles, with equal vertices joined and outward faces; its remarks say what was found.
 
     Raises
     ------
@@ -134,11 +140,14 @@ def cleaned_mesh(
     if not kept.all():
         remarks.append(f"{np.count_nonzero(~kept)} of {len(kept)} triangles have no area and are left out")
     mesh = TriangleMesh(points, joined[kept], name)
+    if mesh.is_watertight and _signed_volume(mesh) < 0:
+        remarks.append("its faces look inward and are turned around")
+        mesh = TriangleMesh(points, joined[kept][:, ::-1], name)
     if not mesh.is_watertight:
         remarks.append(
             f"not watertight: {mesh.open_edges} edges do not join two triangles; both sides are seen"
         )
-    return TriangleMesh(points, joined[kept], name, tuple(remarks))
+    return TriangleMesh(points, mesh.triangles, name, tuple(remarks))
 
 
 def box(sides: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> TriangleMesh:

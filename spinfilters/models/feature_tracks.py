@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from itertools import pairwise
-from typing import Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -213,11 +213,12 @@ def _draw_appearances(
     """
     epochs, count = visible.shape
     begun = visible[0] + np.count_nonzero(visible[1:] > visible[:-1], axis=0)
-    appearances, bits = int(begun.max(initial=0)), generator.bit_generator
-    if not isinstance(bits, np.random.PCG64):
+    appearances = int(begun.max(initial=0))
+    bits: Any = generator.bit_generator
+    if bits.state["bit_generator"] != "PCG64":  # of another, a number may take several steps
         return generator.random(visible.shape)[:appearances]
     drawn = generator.random((appearances, count))
-    bits.advance((epochs - appearances) * count)  # a step for each number
+    bits.advance((epochs - appearances) * count)
     return drawn
 
 

@@ -101,7 +101,7 @@ def forks(folders: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[F
     place = tmp_path_factory.mktemp("warm")
     kinds = ("gyro", "pose", "stereo", "unmapped")
     commands = [[*COMPARE[:1], str(folders / kind), "-o", str(place / kind), *COMPARE[4:]] for kind in kinds]
-    with Forks(commands) as started:
+    with Forks([*commands, ["embed", "-o", str(place / "filter")]]) as started:
         yield started
 
 

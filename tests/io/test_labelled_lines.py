@@ -57,3 +57,13 @@ def test_a_legend_above_and_a_line_cut_off_below_are_left_out(tmp_path: Path, en
     path.write_text("\n".join(["t: time gx=roll gy=pitch gz=yaw", *LINES, end]))
     (stream,) = spinfilters.load(path, unit="rad/s").log.streams
     assert len(stream.time) == len(LINES)
+
+
+def test_a_last_number_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "serial.log"
+    path.write_text("\n".join([*LINES, "t: 1.20 gx=0.3600 gy=1.5000 gz=0.1"]))
+    (stream,) = spinfilters.load(path, unit="rad/s").log.streams
+    assert len(stream.time) == len(LINES)
+    path.write_text("\n".join([*LINES, "t: 1.20 gx=0.3600 gy=1.5000 gz=0.1000"]))
+    (stream,) = spinfilters.load(path, unit="rad/s").log.streams
+    assert len(stream.time) == len(LINES) + 1

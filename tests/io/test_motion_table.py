@@ -349,3 +349,12 @@ def test_a_last_number_that_was_cut_off_is_left_out(tmp_path: Path, incomplete: 
     (stream,) = rates(path).log.streams
     assert len(stream.time) == 59 - len(incomplete)
     np.testing.assert_array_equal(stream.values[:, 2], 0.2)
+
+
+def test_a_part_of_a_second_that_is_none_is_named(tmp_path: Path) -> None:
+    rows = [f"{100 + k // 20},{50_000_000 * (k % 20)},0.3,0.5,0.2" for k in range(100)]
+    rows[29] = "101,1500000000,0.3,0.5,0.2"
+    path = tmp_path / "imu.csv"
+    path.write_text("\n".join(["stamp.sec,stamp.nanosec,wx_rad_s,wy_rad_s,wz_rad_s", *rows, ""]))
+    with pytest.raises(InputError, match=r"line 31: 'stamp.nanosec' is 1500000000, no part of a second"):
+        rates(path)

@@ -8,7 +8,7 @@ import pytest
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.ply_files import read_ply
-from spinfilters.lidar.mesh import TriangleMesh, box, mass_properties, read_mesh
+from spinfilters.lidar.mesh import TriangleMesh, box, cleaned_mesh, mass_properties, read_mesh
 
 SHAPES = Path(__file__).parents[3] / "shared" / "data" / "asteroid_shapes"
 
@@ -214,3 +214,15 @@ def test_binary_faces_of_mixed_lengths_are_read_in_their_order(tmp_path: Path) -
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(InputError, match="numbers do not fit in"):
         read_ply(path)
+
+
+def test_a_closed_mesh_inside_out_is_turned_around_and_remarked_upon() -> None:
+    cube = box()
+    outward = cleaned_mesh(cube.vertices, cube.triangles, "cube")
+    inward = cleaned_mesh(cube.vertices, cube.triangles[:, ::-1], "cube")
+    assert outward.remarks == ()
+    assert inward.remarks == ("its faces look inward and are turned around",)
+    assert (
+        np.einsum("fi,fi->f", inward.area_vectors, inward.corners.mean(axis=1) - inward.vertices.mean(axis=0))
+        > 0
+    ).all()
