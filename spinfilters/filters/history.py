@@ -10,7 +10,7 @@ from spinfilters.core.errors import ShapeError
 from spinfilters.core.large_arrays import empty_array, release_pages
 from spinfilters.filters.estimator import COUNTS, UpdateReport
 from spinfilters.filters.noise_levels import VarianceComponent
-from spinfilters.filters.square_root import lower_roots
+from spinfilters.filters.square_root import lower_roots, unique_roots
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.state_mixture import ErrorMixture, StateMixture
@@ -178,7 +178,7 @@ class EstimateHistory:
         return replace(self, initialisation=len(before["time"]), **joined)
 
     def widened(self, widening: Float[np.ndarray, "k e e"]) -> "EstimateHistory":
-        """With covariances F B B' F' in place of F F'.
+        """With covariances F B B' F' in place of F F', F lower triangular without negative diagonals.
 
         Parameters
         ----------
@@ -189,7 +189,9 @@ class EstimateHistory:
 
         def wider(rows: slice) -> np.ndarray:
             """F B epoch by epoch, with the last B for all later epochs; then lower triangles again."""
-            own, begin = self.factor[rows], rows.start
+            own, begin = self.factor[rows].copy(), rows.start
+            finite = np.isfinite(own).all(axis=(1, 2))
+            own[finite] = unique_roots(own[finite])
             early = max(first - begin, 0)
             factor = np.concatenate(
                 [own[:early] @ widening[begin : begin + len(own[:early])], own[early:] @ widening[-1]]
@@ -203,7 +205,7 @@ class EstimateHistory:
     def last_mixture(
         self, relative: ErrorMixture, calibration: Float[np.ndarray, "n e c"] | None
     ) -> ErrorMixture | None:
-        """Errors after the last epoch with covariances F R R' F' + C C', F the random factor.
+        """Errors after the last epoch with covariances F R R' F' + C C', F the random factor as in `widened`.
 
         Parameters
         ----------
@@ -219,7 +221,7 @@ class EstimateHistory:
         """
         if not np.isfinite(self.factor[-1]).all():
             return None
-        rows = lower_roots(self.random_factor(slice(-1, None))) @ relative.factors
+        rows = unique_roots(self.random_factor(slice(-1, None))) @ relative.factors
         if calibration is not None:
             known = np.broadcast_to(calibration[-1], (len(rows), *calibration.shape[1:]))
             rows = np.concatenate([rows, known], axis=2)

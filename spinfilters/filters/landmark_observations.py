@@ -265,6 +265,8 @@ class Spread(PoseSpread):
         """X of least squares with X pose = by_coordinates."""
         if self.is_solvable:
             return dtrtrs(self.pose, by_coordinates.T, lower=1, trans=1)[0].T
+        if not np.isfinite(self.pose).all():
+            raise np.linalg.LinAlgError("the state's covariance is not finite")
         return np.linalg.lstsq(self.pose.T, by_coordinates.T, rcond=None)[0].T
 
 

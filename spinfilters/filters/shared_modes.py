@@ -91,6 +91,8 @@ class SharedErrors:
             turned @ N.reshape(3 * k, GAUGE_DIM),
             turned @ self.follow.reshape(3 * k, self.follow.shape[2]),
         )
+        if not (np.isfinite(normal).all() and np.isfinite(right).all()):
+            raise np.linalg.LinAlgError("errors of the map are not finite")
         # Least norm: landmarks on a line do not determine all of it.
         rigid = np.linalg.lstsq(normal, right, rcond=None)[0]
         rows = self.state_rows.copy()

@@ -187,6 +187,12 @@ def lower_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
     return np.swapaxes(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"), 1, 2)
 
 
+def unique_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
+    """`lower_roots` without negative diagonals: a covariance has but one, so that what a matrix behind it does is defined."""
+    L = lower_roots(rows)
+    return L * np.where(np.einsum("kii->ki", L) < 0, -1.0, 1.0)[:, np.newaxis]
+
+
 class CompressedMeasurement(NamedTuple):
     """Informative rows of a whitened measurement.
 

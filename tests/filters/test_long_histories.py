@@ -1,5 +1,7 @@
 """Histories of many epochs are computed and read by stretches: the same bits as at once, in memory and in a file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from spinfilters.core import large_arrays
 from spinfilters.filters import history as histories
 from spinfilters.filters.history import EstimateHistory, GrowingHistory, history_at
 from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.state_mixture import ErrorMixture
 from spinfilters.models.status import EstimatorStatus
 
 LAYOUT, EPOCHS = StateLayout(ROTATION_BLOCKS), 7
@@ -39,3 +42,18 @@ def test_stretches_give_the_same_bits(largest_in_memory: int, monkeypatch: pytes
     monkeypatch.setattr(large_arrays, "LARGEST_IN_MEMORY", largest_in_memory)
     for found, at_once in zip(derived(recorded()), wanted, strict=True):
         np.testing.assert_array_equal(found, at_once)
+
+
+def test_what_a_history_is_widened_by_does_not_hang_on_the_signs_of_its_factors() -> None:
+    history = recorded()
+    generator = np.random.default_rng(8)
+    signs = generator.choice([-1.0, 1.0], (len(history.time), 1, history.factor.shape[2]))
+    other = replace(history, factor=history.factor * signs)
+    n = history.factor.shape[2]
+    widening = np.eye(n) + generator.standard_normal((5, n, n)) / 10
+    mixture = ErrorMixture(np.ones(2) / 2, np.eye(n) + generator.standard_normal((2, n, n)) / 10)
+    for of in (
+        lambda each: each.widened(widening).covariance[np.isfinite(history.factor).all(axis=(1, 2))],
+        lambda each: np.array([f @ f.T for f in each.last_mixture(mixture, None).factors]),
+    ):
+        np.testing.assert_allclose(of(other), of(history), rtol=1e-9, atol=1e-12)

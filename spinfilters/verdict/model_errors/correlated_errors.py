@@ -29,6 +29,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, numerical
+from spinfilters.filters.square_root import unique_roots
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.smoother.linear_system import Marginals
 from spinfilters.verdict.model_errors.linear_rows import LinearRows
@@ -79,9 +80,9 @@ class ExplainedErrors:
 
     @cached_property
     def factors(self) -> Float[np.ndarray, "k n n"]:
-        """Lower triangular F of the first epochs."""
+        """F of the first epochs, lower triangular without negative diagonals."""
         epochs = min(self.rows.problem.ordering.epochs, MOST_EPOCHS)
-        return Marginals(self.rows.solution, self.rows.normal.eliminated).first_factors(epochs)
+        return unique_roots(Marginals(self.rows.solution, self.rows.normal.eliminated).first_factors(epochs))
 
     def covariance(
         self, levels: Float[np.ndarray, " c"], epochs: slice = slice(None)
