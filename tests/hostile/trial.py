@@ -61,7 +61,9 @@ class Outcome:
     @property
     def violations(self) -> list[str]:
         """What must not be, in words."""
-        lines = [line for line in self.said.splitlines() if "compiling the models" not in line]
+        # what is left to compile hangs on the commands before, and a full disk stops that too
+        of_compiler = ("compiling the models", "not compiled, which makes models several times slower")
+        lines = [line for line in self.said.splitlines() if not any(words in line for words in of_compiler)]
         found = [f"changed the user's {name}" for name in self.harmed]
         found += [f"left {name}" for name in self.left]
         if self.seconds > LONGEST_S - 1 or self.code is None:
