@@ -159,9 +159,7 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
 
     def derive(part: slice) -> dict[str, np.ndarray]:
         """Quantities of a stretch of epochs."""
-        own = _as_slice(rows[part])
-        factor, truly = history.factor[own], true_states(truth, layout, _as_slice(true_rows[part]))
-        away = layout.local_pairs(history.mean[own], truly)
+        away, factor = _errors(history, truth, rows[part], true_rows[part])
         parts = {b: layout.slice(b) for b in layout.blocks}
         if moved is None:
             parts["total"] = slice(0, layout.error_dim)
@@ -172,6 +170,15 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     squares = by_stretches(len(rows), derive, history.factor)
     dof = layout.error_dim - (0 if moved is None else moved.shape[2])
     return NormalisedErrors(history.time[rows], squares.pop("total"), dof, squares)
+
+
+def _errors(
+    history: EstimateHistory, truth: Truth, rows: Int[np.ndarray, " n"], true_rows: Int[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n e"], Float[np.ndarray, "n e e"]]:
+    """Errors of some epochs from the estimates to the truth, and the factors of their covariances."""
+    own, layout = _as_slice(rows), history.layout
+    truly = true_states(truth, layout, _as_slice(true_rows))
+    return layout.local_pairs(history.mean[own], truly), history.factor[own]
 
 
 def _as_slice(rows: Int[np.ndarray, " n"]) -> slice | Int[np.ndarray, " n"]:
@@ -208,10 +215,8 @@ def rotation_nees(history: EstimateHistory, truth: Truth) -> NormalisedErrors | 
 
     def derive(part: slice) -> dict[str, np.ndarray]:
         """NEES of a stretch of epochs."""
-        own = _as_slice(rows[part])
-        truly = true_states(truth, layout, _as_slice(true_rows[part]))
-        away = layout.local_pairs(history.mean[own], truly)
-        columns = normalised_squares(away[:, both], history.factor[own][:, both], list(parts.values())).T
+        away, factor = _errors(history, truth, rows[part], true_rows[part])
+        columns = normalised_squares(away[:, both], factor[:, both], list(parts.values())).T
         return dict(zip(parts, columns, strict=True))
 
     squares = by_stretches(len(rows), derive, history.factor)

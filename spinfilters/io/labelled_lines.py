@@ -10,7 +10,6 @@ components of a vector. Lines with the same labels are the rows of one table.
 """
 
 import itertools
-import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -37,7 +36,7 @@ from spinfilters.io.motion_file import motion_dataset
 from spinfilters.io.motion_table import motion_of
 from spinfilters.io.named_columns import ArrayColumns
 from spinfilters.io.stated_values import ReadingOptions, to_state
-from spinfilters.io.text_table import looks_cut
+from spinfilters.io.text_table import last_lines, looks_cut
 
 _HEAD: Final = 1 << 14
 _FEWEST: Final = 3
@@ -148,12 +147,7 @@ def _require_numbers(path: Path, chosen: Sequence[_Line]) -> None:
 
 def _ends_with_cut_number(path: Path, last: _Line) -> bool:
     """Whether a file ends within the last number of this line, because the power went while it was written."""
-    with open(path, "rb") as stream:
-        stream.seek(max(stream.seek(0, os.SEEK_END) - _HEAD, 0))
-        tail = stream.read()
-    if tail.endswith((b"\n", b"\r")):
-        return False
-    *before, text = tail.decode("utf-8", "replace").splitlines() or [""]
+    *before, text = last_lines(path, "utf-8") or [""]
     end = _line(last.line, text)
     if (
         end is None

@@ -21,7 +21,7 @@ from spinfilters.io.measurement_log import (
 from spinfilters.io.output_files import atomic_file
 from spinfilters.io.sensor_format import SensorFormat, sensor_format
 from spinfilters.io.stated_values import LENGTH, NumberRange
-from spinfilters.io.text_table import Table, read_blank_separated, read_csv, write_csv
+from spinfilters.io.text_table import WRITE_ROWS, Table, read_blank_separated, read_csv, write_csv
 
 LATEST_SECONDS: Final[float] = 1e11
 """Beyond the year 5000 counted from 1970: such a stamp is in milli- or nanoseconds, not in seconds."""
@@ -208,7 +208,6 @@ def write_covariance(path: Path, stream: MeasurementStream) -> None:
 TUM_COLUMNS: Final[tuple[str, ...]] = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 """s, m (origin of g in i), unit quaternion q_ig, scalar last."""
 _DECIMALS = 9
-_WRITE_ROWS = 4096
 
 
 def read_tum(path: Path) -> MeasurementStream:
@@ -242,8 +241,8 @@ def write_poses(
     rows = np.column_stack([time, position, quaternion])
     with atomic_file(path) as file:
         file.write(f"# {' '.join(TUM_COLUMNS)}\n".encode())
-        for start in range(0, len(rows), _WRITE_ROWS):
-            for row in rows[start : start + _WRITE_ROWS].tolist():
+        for start in range(0, len(rows), WRITE_ROWS):
+            for row in rows[start : start + WRITE_ROWS].tolist():
                 file.write((" ".join(map(_decimal, row)) + "\n").encode())
 
 

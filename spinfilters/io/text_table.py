@@ -34,7 +34,7 @@ from spinfilters.io.stated_values import NumberRange, to_state
 from spinfilters.io.table_layout import TableLayout, data_lines, not_text, other_header, own_layout
 
 _LARGEST_ID = 2.0**53  # above it float64 does not distinguish whole numbers
-_WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
+WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,24 +184,24 @@ def _read_rows(path: Path, layout: TableLayout, columns: Sequence[int] | None = 
     return Table(path, layout, names, values)
 
 
-_TAIL: Final = 4096
-"""Bytes at the end of a table that show whether its last line is whole."""
+_TAIL: Final = 1 << 14
+"""Bytes at the end of a file that show whether its last line is whole."""
 
 
-def _last_lines(path: Path, layout: TableLayout) -> list[str]:
-    """The last lines of a table without a line break behind the last; none of a table that ends with one."""
+def last_lines(path: Path, encoding: str) -> list[str]:
+    """The last lines of a file without a line break behind the last; none of a file that ends with one."""
     with open(path, "rb") as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(size - _TAIL, 0) // 2 * 2)
         tail = stream.read()
     if any(mark in tail[-2:] for mark in (b"\n", b"\r")):
         return []
-    return tail.decode(layout.encoding.replace("-sig", ""), "replace").splitlines()
+    return tail.decode(encoding.replace("-sig", ""), "replace").splitlines()
 
 
 def _is_cut(path: Path, layout: TableLayout) -> bool:
     """Whether the last number of a table, without a line break behind it, has fewer digits than that above it."""
-    lines = [text for line in _last_lines(path, layout) if (text := layout.content(line))]
+    lines = [text for line in last_lines(path, layout.encoding) if (text := layout.content(line))]
     *before, last = [layout.cells(line)[-1] for line in lines] or [""]
     return looks_cut(
         next(filter(None, reversed(before)), ""), last
@@ -309,7 +309,7 @@ _MOST_BELOW: Final = 50
 
 def _are_below_a_table(path: Path, layout: TableLayout, texts: Sequence[str]) -> bool:
     """Whether lines behind the last row are words, or the one line that was being written when the power went."""
-    if len(texts) == 1 and _last_lines(path, layout)[-1:] == texts:
+    if len(texts) == 1 and last_lines(path, layout.encoding)[-1:] == texts:
         cells = layout.cells(texts[0])
         if len(cells) < len(layout.names) or (_BEGUN.fullmatch(cells[-1]) and not is_number(cells[-1])):
             return True
@@ -353,7 +353,7 @@ def write_csv(path: Path, names: Sequence[str], columns: Sequence[np.ndarray]) -
     """Write columns of equal length, comma separated, so that reading gives the same bits. Atomic."""
     with atomic_file(path) as stream:
         stream.write((",".join(names) + "\n").encode())
-        for start in range(0, len(columns[0]), _WRITE_ROWS):
-            lists = [column[start : start + _WRITE_ROWS].tolist() for column in columns]
+        for start in range(0, len(columns[0]), WRITE_ROWS):
+            lists = [column[start : start + WRITE_ROWS].tolist() for column in columns]
             lines = [",".join(map(repr, row)) + "\n" for row in zip(*lists, strict=True)]
             stream.write("".join(lines).encode())
